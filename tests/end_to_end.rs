@@ -37,6 +37,7 @@ mod notifications;
 mod pages;
 mod people;
 mod plugins;
+mod privacy;
 mod programs;
 mod reality;
 mod recording;

@@ -4,6 +4,7 @@ mod committing;
 mod event_pacing;
 mod hardware_stops;
 mod open_initiatives;
+mod private_steps;
 mod safeguarding;
 mod stopping;
 
@@ -27,10 +28,10 @@ use substrate::BoxFuture;
 use tokio::sync::oneshot;
 
 use crate::actuator::open_initiatives::OpenInitiatives;
+use crate::actuator::private_steps::{DeclinedCall, answer};
 use crate::actuator::stopping::StandingStill;
-use crate::agreeing::agree;
-use crate::bidding::bid;
 use crate::commitment::Commitment;
+use crate::confidentiality::Confidentiality;
 use crate::device::{Description, Device, MethodCall, MethodFailure, MethodResult};
 use crate::erased_device::{ErasedDevice, ErasedYield};
 use crate::ledger::{Ledger, TokenState};
@@ -61,6 +62,8 @@ pub struct Actuator {
     /// ended.
     pending_reports: BTreeMap<ActionToken, WorkHandle>,
     running_bids: BTreeMap<ReplyToken, (Cancel, WorkHandle)>,
+    /// What the actuator keeps to itself; `None` if agents keep nothing from each other.
+    confidentiality: Option<Confidentiality>,
     /// The agent's commitment to a joint plan. While there is one, the agent acts for the goal of that
     /// plan only.
     commitment: Option<Commitment>,
@@ -112,12 +115,17 @@ const ORPHAN_TIMEOUT: Duration = Duration::from_secs(2);
 /// replicas that took over from it. If there are more, the oldest gets no report.
 const SUBSCRIBERS_MAX: usize = 8;
 
-/// An action that the actuator is carrying out by a method.
+/// An action that the actuator is carrying out.
 struct RunningCommand {
     token: ActionToken,
+    /// The action, as it was requested.
+    action: String,
     /// Exchanges in which the action was requested, the latest last.
     subscribers: Vec<Participation>,
-    call: MethodCall,
+    /// The call of the method that runs, or that waits for people; `None` between two of them.
+    call: Option<MethodCall>,
+    /// The calls that follow, each with its time limit; empty unless private steps belong to the action.
+    further_calls: VecDeque<(MethodCall, Duration)>,
     _work: WorkHandle,
 }
 
@@ -168,7 +176,15 @@ impl Actuator {
         let safeguarded =
             SafeguardedActions::of(safeguards.as_deref(), &blueprint.id, folder.as_deref());
         let actions = device.action_names();
-        let names = safeguarded.check_names(&actions);
+        let mut names = safeguarded.check_names(&actions);
+        let confidentiality = Confidentiality::of(&host);
+        if let Some(confidentiality) = &confidentiality {
+            let described = device.describe();
+            let checked = confidentiality.check(&described.model);
+            checked.map_err(|problem| blueprint.problem(problem))?;
+            let private = confidentiality.private_actions(&described);
+            names = names.and_then(|()| safeguarded.check_none_of(&private));
+        }
         let agent = blueprint.id.clone();
         names.map_err(|problem| BuildError::Safeguards { agent, problem })?;
         Ok(Actuator {
@@ -182,6 +198,7 @@ impl Actuator {
             running_command: None,
             pending_reports: BTreeMap::new(),
             running_bids: BTreeMap::new(),
+            confidentiality,
             commitment: None,
             bid_cache: Arc::default(),
             ended_by_stop: None,
@@ -334,7 +351,7 @@ impl Actuator {
         self.apply_buttons(ctx);
         self.announced.sequence += 1;
         let (lasting, passing): (Vec<_>, Vec<_>) =
-            self.device.facts().into_iter().partition(|fact| fact.known_for.is_none());
+            self.announced_facts().into_iter().partition(|fact| fact.known_for.is_none());
         let lasting = lasting.into_iter().map(|fact| fact.fact);
         let lasting: Vec<_> = lasting.chain(self.stop_fact(ctx.id())).collect();
         let known_for = passing
@@ -395,38 +412,64 @@ impl Actuator {
             return Err(refusal);
         }
         if let Some(running) = &self.running_command {
-            let detail = format!("{} is under way", running.call.action);
+            let detail = format!("{} is under way", running.action);
             return Err(Refusal::new(Reason::Busy, detail));
         }
-        let call = MethodCall { action, method, arguments };
+        if self.private_model().is_some() {
+            self.begin_with_private_steps(participation, action, token, ctx);
+            return Ok(());
+        }
+        let call = MethodCall { action: action.clone(), method, arguments };
         if let Some(refusal) = self.device.check_call(&call) {
             // The plan may have been made with older knowledge.
             self.send_heartbeat(ctx);
             return Err(refusal);
         }
-        ctx.answer(participation, Performative::Agree, &Agreement { token: token.clone() });
-        self.renew_commitment(&token.conversation);
-        // The token is on disk before the device acts, so that the next incarnation does not act
-        // again after a crash.
-        let recorded = on_disk("the token", self.ledger.begin_token(token.clone()), ctx);
-        let consent = self.ask_leave(&call, ctx);
+        let recorded = self.agree_to_act(participation, &token, ctx);
         let timeout = self.without_patience(&call, timeout);
-        let performance = self.device.perform(&call);
-        let work = async move {
-            recorded.await?;
-            consent.await
-        };
-        let work = ctx.run(work, move |actuator: &mut Self, leave, ctx| match leave {
-            Ok(()) => actuator.run_method(performance, timeout, ctx),
-            Err(failure) => actuator.command_ended(Err(failure), ctx),
-        });
+        let work = self.start_call(&call, timeout, recorded, ctx);
         self.running_command = Some(RunningCommand {
             token,
+            action,
             subscribers: vec![participation.clone()],
-            call,
+            call: Some(call),
+            further_calls: VecDeque::new(),
             _work: work,
         });
         Ok(())
+    }
+
+    /// Agrees to carry an action out. Returns a future that ends when its token is on disk, before
+    /// which the device does not act: the next incarnation must not act again after a crash.
+    fn agree_to_act(
+        &mut self,
+        participation: &Participation,
+        token: &ActionToken,
+        ctx: &mut Context<Self>,
+    ) -> BoxFuture<Result<(), MethodFailure>> {
+        ctx.answer(participation, Performative::Agree, &Agreement { token: token.clone() });
+        self.renew_commitment(&token.conversation);
+        on_disk("the token", self.ledger.begin_token(token.clone()), ctx)
+    }
+
+    /// Starts a call of the device when `ready` has ended and people allow it, if they have to.
+    fn start_call(
+        &mut self,
+        call: &MethodCall,
+        timeout: Duration,
+        ready: BoxFuture<Result<(), MethodFailure>>,
+        ctx: &mut Context<Self>,
+    ) -> WorkHandle {
+        let consent = self.ask_leave(call, ctx);
+        let performance = self.device.perform(call);
+        let work = async move {
+            ready.await?;
+            consent.await
+        };
+        ctx.run(work, move |actuator: &mut Self, leave, ctx| match leave {
+            Ok(()) => actuator.run_method(performance, timeout, ctx),
+            Err(failure) => actuator.command_ended(Err(failure), ctx),
+        })
     }
 
     /// Runs the method of the running action for the time `timeout` at most. Nothing is in its way
@@ -437,9 +480,8 @@ impl Actuator {
         timeout: Duration,
         ctx: &mut Context<Self>,
     ) {
-        let Some(call) = self.running_command.as_ref().map(|running| running.call.clone()) else {
-            return;
-        };
+        let running = self.running_command.as_ref();
+        let Some(call) = running.and_then(|running| running.call.clone()) else { return };
         let counted = self.count_beginning(&call, ctx);
         let work = async move {
             counted.await?;
@@ -471,8 +513,8 @@ impl Actuator {
         if let Some(running) =
             self.running_command.as_mut().filter(|running| running.token == *token)
         {
-            if running.call.action != *action {
-                return differs(&running.call.action);
+            if running.action != *action {
+                return differs(&running.action);
             }
             running.subscribers.push(participation.clone());
             let is_over = running.subscribers.len() > SUBSCRIBERS_MAX;
@@ -529,22 +571,52 @@ impl Actuator {
         outcome: Result<ErasedYield, MethodFailure>,
         ctx: &mut Context<Self>,
     ) {
-        let Some(RunningCommand { token, subscribers: askers, call, .. }) =
-            self.running_command.take()
-        else {
-            return;
-        };
-        let mut report = match outcome {
-            Ok(yielded) => {
-                let MethodResult { detail, observations } = self.device.on_success(&call, yielded);
-                let report = Report::new(Outcome::Done, detail);
-                Report { observations: text_of(&observations), ..report }
-            }
-            Err(failure) => {
+        let Some(mut running) = self.running_command.take() else { return };
+        let before = self.announced_facts();
+        let outcome = match (outcome, running.call.take()) {
+            (Ok(yielded), Some(call)) => Ok(self.device.on_success(&call, yielded)),
+            (Ok(_), None) => Err(MethodFailure::GivenUp),
+            (Err(failure), call) => {
                 // Without the leave of a person the method has not begun.
-                if !matches!(failure, MethodFailure::Forbidden(_) | MethodFailure::Unanswered(_)) {
+                let is_begun =
+                    !matches!(failure, MethodFailure::Forbidden(_) | MethodFailure::Unanswered(_));
+                if let Some(call) = call.filter(|_| is_begun) {
                     self.device.on_failure(&call, &failure);
                 }
+                Err(failure)
+            }
+        };
+        if outcome.is_ok() && !running.further_calls.is_empty() {
+            self.running_command = Some(running);
+            // A heartbeat for each private step would tell others how many there are.
+            if self.announced_facts() != before {
+                self.send_heartbeat(ctx);
+            }
+            return self.next_call(ctx);
+        }
+        let report = self.report(outcome, (&running.action, &running.token));
+        let RunningCommand { token, subscribers: askers, .. } = running;
+        self.conclude(token, askers, report, ctx);
+    }
+
+    /// Returns the report of an action that has ended. The log has the details that the report may not
+    /// have.
+    fn report(
+        &self,
+        outcome: Result<MethodResult, MethodFailure>,
+        (action, token): (&str, &ActionToken),
+    ) -> Report {
+        let is_private = self.private_model().is_some();
+        let public_detail = is_private.then(|| private_steps::public_detail(action, &outcome));
+        let mut report = match outcome {
+            Ok(MethodResult { detail, observations }) => {
+                let report = Report::new(Outcome::Done, detail);
+                Report {
+                    observations: text_of(&self.announced_observations(observations)),
+                    ..report
+                }
+            }
+            Err(failure) => {
                 let report = Report::new(Outcome::Failed, format!("failed to {failure}"));
                 let declined = match failure {
                     // The action was stopped at an unknown point.
@@ -559,10 +631,13 @@ impl Actuator {
                 Report { declined, ..report }
             }
         };
-        report.action = Some(call.action);
-        tracing::info!(conversation = %token.conversation, action = report.action,
-            outcome = %report.outcome, detail = report.detail, "acted");
-        self.conclude(token, askers, report, ctx);
+        tracing::info!(conversation = %token.conversation, action, outcome = %report.outcome,
+            detail = report.detail, "acted");
+        if let Some(detail) = public_detail {
+            report.detail = detail;
+        }
+        report.action = Some(action.to_owned());
+        report
     }
 
     /// Writes the outcome of an action to disk under the action's token, then reports the outcome.
@@ -653,16 +728,17 @@ impl Actuator {
     }
 
     fn cancel_command(&mut self, why: &str, ctx: &mut Context<Self>) {
-        let Some(RunningCommand { token, subscribers: askers, call, .. }) =
+        let Some(RunningCommand { token, action, subscribers: askers, call, .. }) =
             self.running_command.take()
         else {
             return;
         };
-        if !self.withdraw_consent(ctx) {
+        let has_waited = self.withdraw_consent(ctx);
+        if let Some(call) = call.filter(|_| !has_waited) {
             self.device.on_failure(&call, &MethodFailure::GivenUp);
         }
         let mut report = Report::new(Outcome::Cancelled, why);
-        report.action = Some(call.action);
+        report.action = Some(action);
         self.conclude(token, askers, report, ctx);
     }
 
@@ -696,6 +772,7 @@ impl Actuator {
         let exchange = participation.exchange.clone();
         let finished = exchange.clone();
         let planner = Arc::clone(&self.bid_cache);
+        let private = self.private_part();
         if let Some(timer) = self.cache_expiry.take() {
             ctx.cancel_timer(timer);
         }
@@ -709,10 +786,7 @@ impl Actuator {
                 let mut kept = planner.try_lock().ok();
                 let BidCache { composition, replanner } =
                     kept.as_deref_mut().unwrap_or(&mut afresh);
-                let bid = match &call.part {
-                    Some(part) => agree(&local(composition), &call, part, &id, &flag),
-                    None => bid(local(composition), &call, replanner, &flag),
-                };
+                let bid = answer((&call, &id), local(composition), private, replanner, &flag);
                 (call, bid)
             },
             move |actuator: &mut Self, (call, bid), ctx| {
@@ -722,7 +796,11 @@ impl Actuator {
                         let asked = (conversation, &call);
                         actuator.answer_call(&participation, asked, &bid, ctx);
                     }
-                    Err(detail) => ctx.refuse(&participation, Reason::Incapable, detail),
+                    Err(DeclinedCall { why, refusal }) => {
+                        let is_new = refusal.is_some_and(|it| actuator.announce_more(&it, ctx));
+                        let reason = if is_new { Reason::ModelChanged } else { Reason::Incapable };
+                        ctx.refuse(&participation, reason, why);
+                    }
                 }
             },
         );

@@ -112,7 +112,7 @@ fn drop_unreachable(
 }
 
 /// Returns planner options that keep the planner within its share of this machine's memory.
-fn bounded() -> Options {
+pub(crate) fn bounded() -> Options {
     let memory_max_bytes = agent::computation_bytes_max();
     Options { budget: Budget { memory_max_bytes, ..Budget::default() }, ..Options::default() }
 }

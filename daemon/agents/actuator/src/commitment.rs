@@ -31,8 +31,8 @@ pub(crate) struct Commitment {
     exchange: ReplyToken,
     /// Digest of the joint plan.
     digest: String,
-    /// The steps of the part that are not known to be done.
-    remaining_steps: Vec<String>,
+    /// The part, without those of its own steps that are known to be done.
+    remaining_part: Vec<PartStep>,
     until: Instant,
 }
 
@@ -46,16 +46,12 @@ impl Commitment {
         part: &JointPlanPart,
         now: Instant,
     ) -> Commitment {
-        let own = part.steps.iter().filter_map(|element| match element {
-            PartStep::Own(step) => Some(step.clone()),
-            PartStep::Others(_) => None,
-        });
         Commitment {
             conversation,
             requester,
             exchange,
             digest: part.digest.clone(),
-            remaining_steps: own.collect(),
+            remaining_part: part.steps.clone(),
             until: now + AGREEMENT_LEASE,
         }
     }
@@ -86,12 +82,21 @@ impl Commitment {
         if outcome != Outcome::Done {
             return false;
         }
-        let mut remaining = self.remaining_steps.iter();
-        if let Some(done) = remaining.position(|known| known.eq_ignore_ascii_case(step)) {
-            self.remaining_steps.remove(done);
+        if let Some(done) = self.position(step) {
+            self.remaining_part.remove(done);
         }
         self.renew(now);
-        !self.remaining_steps.is_empty()
+        self.remaining_part.iter().any(|element| matches!(element, PartStep::Own(_)))
+    }
+
+    /// Returns the rest of the part that begins with `step`; empty if that is no step of the rest.
+    pub(crate) fn part_from(&self, step: &str) -> &[PartStep] {
+        self.position(step).map_or(&[], |position| &self.remaining_part[position..])
+    }
+
+    fn position(&self, step: &str) -> Option<usize> {
+        let is_it = |element: &PartStep| matches!(element, PartStep::Own(known) if known.eq_ignore_ascii_case(step));
+        self.remaining_part.iter().position(is_it)
     }
 
     /// Returns the refusal of what another goal asks for: it names the holder and the rest of the
@@ -142,6 +147,17 @@ mod tests {
         for outcome in [Outcome::Failed, Outcome::Cancelled] {
             assert!(!commitment(now).step_ended("(go robot hall)", outcome, now));
         }
+    }
+
+    #[test]
+    fn the_rest_of_the_part_begins_with_the_step() {
+        let now = Instant::now();
+        let mut commitment = commitment(now);
+        assert_eq!(commitment.part_from("(go ROBOT hall)").len(), 3);
+        assert!(commitment.step_ended("(go robot hall)", Outcome::Done, now));
+        assert!(commitment.part_from("(go robot hall)").is_empty(), "it is done");
+        let rest = [PartStep::Own("(go robot lab)".to_owned())];
+        assert_eq!(commitment.part_from("(go robot lab)"), rest);
     }
 
     #[test]

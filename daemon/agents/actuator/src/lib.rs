@@ -7,6 +7,7 @@
 //!   receives. Answers a call for proposals with plans for the conjuncts that it can reach alone or
 //!   with the agents it carries (the paper, “Decentralized Planning”). Agrees to its part of a
 //!   joint plan if it can do this part.
+//! - Keeps the private parts of its model to itself if the host says so (`privacy = "agents"`).
 //! - Keeps the safeguards of the host: asks people before an action, and limits how often it
 //!   begins.
 //! - Acts by itself: announces events of its device at once, requests goals, asks people questions.
@@ -19,6 +20,7 @@ mod agreeing;
 mod begun_actions;
 mod bidding;
 mod commitment;
+mod confidentiality;
 mod declared;
 mod device;
 mod erased_device;

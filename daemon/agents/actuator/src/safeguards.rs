@@ -85,6 +85,21 @@ impl SafeguardedActions {
         Err(format!("`{unknown}` is no action of it; {hint}"))
     }
 
+    /// Checks that no safeguarded action is one of `private`. A question about it would name it.
+    ///
+    /// # Errors
+    ///
+    /// Returns the first such name.
+    pub(crate) fn check_none_of(&self, private: &[String]) -> Result<(), String> {
+        match self.safeguards.keys().find(|name| private.contains(name)) {
+            Some(name) => Err(format!(
+                "`{name}` is private to it (privacy = \"agents\"), and people would be asked about \
+                 it by name; safeguard the public action that it serves"
+            )),
+            None => Ok(()),
+        }
+    }
+
     /// Returns the time limit for the answer of a person; `None` if the action needs no consent.
     pub(crate) fn asks_people(&self, action: &str) -> Option<Duration> {
         self.safeguards.get(action)?.asks_people

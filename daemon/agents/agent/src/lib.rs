@@ -108,7 +108,7 @@ pub use plugin::{Blueprint, BuildError, PluginEntry};
 pub use rights::{AgentRights, AllowedNames, AllowedRequesters, Rights};
 pub use role_names::RoleNames;
 pub use router::MessageRouter;
-pub use settings::{AgentSettings, TimingRule};
+pub use settings::{AgentSettings, ModelPrivacy, TimingRule};
 pub use shared_domain::SharedDomain;
 pub use spawner::Spawner;
 pub use stop_buttons::{PressedWhen, StopButton, StopButtons};

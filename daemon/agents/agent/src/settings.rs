@@ -5,6 +5,7 @@ use std::fmt;
 use std::time::Duration;
 
 use capability::SilenceLimit;
+use serde::Deserialize;
 
 use crate::role_names::RoleNames;
 
@@ -15,11 +16,24 @@ const LINK_LEASE: Duration = Duration::from_secs(4);
 /// Time until all daemons have noticed that a link was silent for its lease.
 const DETECTION: Duration = Duration::from_secs(2);
 
+/// From which agents the parts of action models are kept that are declared `:private`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ModelPrivacy {
+    /// From those of other ecosystems. Each agent announces its whole model in its own ecosystem.
+    #[default]
+    Ecosystem,
+    /// From all other agents, also from the Domain Maintainer and the planners.
+    Agents,
+}
+
 /// Times, bounds and names that apply to every agent of a daemon.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AgentSettings {
     /// Names of the reasoning agents.
     pub roles: RoleNames,
+    /// From which agents the private parts of action models are kept.
+    pub privacy: ModelPrivacy,
     /// Period of an actuator's heartbeat. One second serves the paper's plug and play: a change
     /// that only a heartbeat reveals is seen within a second.
     pub heartbeat_period: Duration,
@@ -67,6 +81,7 @@ impl Default for AgentSettings {
     fn default() -> AgentSettings {
         AgentSettings {
             roles: RoleNames::default(),
+            privacy: ModelPrivacy::default(),
             heartbeat_period: Duration::from_millis(1_000),
             heartbeat_lease: Duration::from_millis(3_500),
             grace: Duration::from_millis(500),

@@ -538,6 +538,9 @@ pub enum Reason {
     Unanswered,
     /// The rights in the ecosystem file do not allow the sender to send this message.
     Forbidden,
+    /// The agent has found that its action model promised too much, and has announced a more precise
+    /// one: the next plan can be made with it.
+    ModelChanged,
     /// The reason is defined by a newer version only.
     #[serde(other)]
     Other,

@@ -63,7 +63,8 @@ pub enum GoalEvent {
     /// The Planning Agent is absent, or has no time for this attempt. The text gives the reason;
     /// planning is tried again after the duration at least.
     PlannerBusy(Attempt, String, Duration),
-    /// An agent of this attempt's joint plan has other work, so it does not agree to its part now. The
+    /// An agent of this attempt's joint plan has other work, or has just announced another model, so it
+    /// does not agree to its part now. The
     /// text gives the reason; planning is tried again after a delay, which is longer by this share of
     /// it (in 256ths). Goals that want the same agents at the same time have different shares.
     MembersBusy(Attempt, String, u8),

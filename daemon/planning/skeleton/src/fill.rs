@@ -131,7 +131,7 @@ impl<'t> FillTask<'t> {
         }
         let is_own = |element: &&FillElement| matches!(element, FillElement::Own { .. });
         let number = self.elements[..failing].iter().filter(is_own).count();
-        let why = format!("it cannot carry out its step {number} of the skeleton");
+        let why = format!("it cannot carry out its step {number} of the plan");
         let proved = match &self.elements[possible] {
             FillElement::Own { schema, .. } => Some(ProvedRefusal::Step { schema: *schema }),
             FillElement::Others(_) => None,

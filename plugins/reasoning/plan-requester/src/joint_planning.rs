@@ -251,11 +251,14 @@ impl PlanRequester {
             },
             _ => {
                 let refusal = message.content_as::<Refusal>();
-                if let Ok(refusal) = &refusal
-                    && matches!(refusal.reason, Reason::Busy | Reason::MailboxFull)
-                {
-                    let why = format!("`{agent}` has other work: {}", refusal.detail);
-                    return self.member_busy(id, &agent, why, ctx);
+                let said = refusal.as_ref().ok().and_then(|refusal| match refusal.reason {
+                    Reason::Busy | Reason::MailboxFull => Some((refusal, "has other work")),
+                    Reason::ModelChanged => Some((refusal, "has announced a more precise model")),
+                    _ => None,
+                });
+                if let Some((refusal, said)) = said {
+                    let why = format!("`{agent}` {said}: {}", refusal.detail);
+                    return self.postpone_joint_plan(id, &agent, why, ctx);
                 }
                 Err(refusal.map_or_else(|_| "without a reason".to_owned(), |it| it.detail))
             }
@@ -284,9 +287,10 @@ impl PlanRequester {
         self.plan_without(id, state, declined, ctx);
     }
 
-    /// Gives the present joint plan up because one of its agents has other work, and plans for the
-    /// goal again after a while. Nothing has failed, so the agent is not left out.
-    fn member_busy(
+    /// Gives the present joint plan up because one of its agents has other work, or another model than
+    /// the plan was made with, and plans for the goal again after a while. Nothing has failed, so the
+    /// agent is not left out.
+    fn postpone_joint_plan(
         &mut self,
         id: &ConversationId,
         agent: &AgentId,
@@ -298,7 +302,7 @@ impl PlanRequester {
         if let JointPhase::Agreeing(mut pending) = state.phase {
             // This agent has answered; its exchange is over.
             pending.awaited.remove(agent);
-            pending.reject("another agent of the plan has other work", ctx);
+            pending.reject("another agent of the plan cannot take part now", ctx);
         }
         self.handle(id, GoalEvent::MembersBusy(attempt, why, waiting_share(id, attempt)), ctx);
     }

@@ -76,6 +76,11 @@ struct PendingRequest {
     addressee: Resident,
 }
 
+/// Returns the refusal of a further goal or question.
+fn too_many() -> Refusal {
+    Refusal::new(Reason::Busy, format!("{OPEN_MAX} requests are open already"))
+}
+
 impl Actuator {
     // === watching ===
 
@@ -142,9 +147,8 @@ impl Actuator {
         self.carry_out(initiatives, ctx);
     }
 
-    fn refuse_initiative(&mut self, name: String, ctx: &mut Context<Self>) {
-        let detail = format!("{OPEN_MAX} requests are open already");
-        let news = InitiativeUpdate::Refused(Refusal::new(Reason::Busy, detail));
+    fn refuse_initiative(&mut self, name: String, refusal: Refusal, ctx: &mut Context<Self>) {
+        let news = InitiativeUpdate::Refused(refusal);
         // The news is delivered later, because the device is still in a callback.
         ctx.after(Duration::ZERO, move |actuator: &mut Self, ctx| {
             actuator.deliver_update(&name, &news, ctx)
@@ -165,7 +169,12 @@ impl Actuator {
         }
         self.withdraw_goal(&name, ctx);
         if self.initiatives.goals.len() >= OPEN_MAX {
-            return self.refuse_initiative(name, ctx);
+            return self.refuse_initiative(name, too_many(), ctx);
+        }
+        let confidentiality = self.confidentiality.as_ref();
+        if confidentiality.is_some_and(|it| it.is_about_private(&goal.goal)) {
+            let detail = "the goal is about something private (privacy = \"agents\")".to_owned();
+            return self.refuse_initiative(name, Refusal::new(Reason::Conflict, detail), ctx);
         }
         let conversation = ctx.new_conversation();
         let wanted = WantedGoal { goal, conversation, insists, failures: 0, open_request: None };
@@ -319,7 +328,7 @@ impl Actuator {
     ) {
         self.withdraw_question(&name, format!("`{}` asks something else", ctx.id()), ctx);
         if self.initiatives.questions.len() >= OPEN_MAX {
-            return self.refuse_initiative(name, ctx);
+            return self.refuse_initiative(name, too_many(), ctx);
         }
         let key = AnswerKey::new();
         let question = Question { seal_to: Some(key.public()), ..question.clone() };

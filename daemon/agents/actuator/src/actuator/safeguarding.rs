@@ -73,7 +73,10 @@ impl Actuator {
         let Some(patience) = self.safeguarded.asks_people(&action_name(call)) else {
             return Box::pin(std::future::ready(Ok(())));
         };
-        let text = format!("`{}` is about to do {}. May it? yes, no", ctx.id(), call.action);
+        // The action as it was requested: that of the call may name what is private.
+        let running = self.running_command.as_ref();
+        let action = running.map_or(&call.action, |running| &running.action);
+        let text = format!("`{}` is about to do {action}. May it? yes, no", ctx.id());
         let (answer, answered) = oneshot::channel();
         self.consent = Some(answer);
         self.ask_people(QUESTION.to_owned(), &Question::new(text), patience, ctx);

@@ -115,6 +115,9 @@ impl Actuator {
     /// is stopped.
     pub(super) fn offer(&self) -> Description {
         let mut offer = self.device.describe();
+        if let Some(confidentiality) = &self.confidentiality {
+            offer = confidentiality.announced(offer);
+        }
         self.add_patience(&mut offer);
         let agent = AgentId::new(offer.model.agent.as_str());
         if agent.is_ok_and(|agent| self.stop_of_all(&agent).is_some()) {
@@ -238,7 +241,7 @@ impl Actuator {
     /// Brings the device to a standstill if a stop concerns it.
     fn obey(&mut self, ctx: &mut Context<Self>) {
         let action = self.running_action();
-        let ends = action.as_ref().and_then(|action| self.stop_against(action, ctx.id()));
+        let ends = self.running_steps().find_map(|step| self.stop_against(step, ctx.id()));
         if self.stop_of_all(ctx.id()).is_some() {
             // Its plan has to be made anew.
             self.commitment = None;
@@ -303,7 +306,15 @@ impl Actuator {
     }
 
     fn running_action(&self) -> Option<String> {
-        self.running_command.as_ref().map(|running| running.call.action.clone())
+        self.running_command.as_ref().map(|running| running.action.clone())
+    }
+
+    /// Returns the running action, and the step that the device carries out for it.
+    fn running_steps(&self) -> impl Iterator<Item = &str> {
+        self.running_command.iter().flat_map(|running| {
+            let step = running.call.as_ref().map(|call| call.action.as_str());
+            std::iter::once(running.action.as_str()).chain(step)
+        })
     }
 
     pub(super) fn stop_requested(

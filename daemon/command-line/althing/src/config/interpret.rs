@@ -41,7 +41,7 @@ use std::sync::Arc;
 
 use ::building::Quantity;
 use acl::{DaemonId, EcosystemId, InvalidName};
-use agent::{AdmissionPolicy, AllowedNames, Rights};
+use agent::{AdmissionPolicy, AllowedNames, ModelPrivacy, Rights};
 use pddl::{Diagnostic, Span};
 
 use super::ecosystem::{AgentEntry, BuildingSettings, Ecosystem, PluginSettings, SourceTexts};
@@ -64,6 +64,8 @@ pub(super) struct Interpreter<'l> {
     pub(super) known_plugins: &'l [KnownPlugin],
     /// Name of the time zone of the ecosystem; `None` if the file names none.
     pub(super) time_zone: Option<String>,
+    /// From which agents private parts of models are kept.
+    pub(super) privacy: ModelPrivacy,
     /// Names of all agents of the file. Entries with mistakes count, too.
     pub(super) written_agents: BTreeSet<String>,
     pub(super) report: DiagnosticReport,
@@ -76,8 +78,8 @@ type InterpretedEcosystem = (Option<Ecosystem>, DiagnosticReport);
 /// `None` if its name, its domain or its map is missing. The returned report contains all mistakes,
 /// those that `meaning` has already included.
 ///
-/// The pattern for `raw` has no `..`, so that a new table cannot be overlooked here. The time zone is
-/// in `meaning`.
+/// The pattern for `raw` has no `..`, so that a new table cannot be overlooked here. The time zone
+/// and the privacy are in `meaning`.
 pub(super) fn interpret(mut meaning: Interpreter<'_>, raw: RawConfig) -> InterpretedEcosystem {
     let RawConfig {
         ecosystem: RawEcosystem { name, domain, problem, vocabulary, reasoning, mode, daemons, .. },

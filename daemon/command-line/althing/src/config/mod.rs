@@ -222,12 +222,14 @@ impl Ecosystem {
             Ok(raw) => {
                 let layers = &layers;
                 let time_zone = raw.ecosystem.time_zone.clone();
+                let privacy = raw.ecosystem.privacy;
                 let written_agents = raw.agent.iter().filter_map(|agent| agent.name.clone());
                 let meaning = interpret::Interpreter {
                     file,
                     layers,
                     known_plugins,
                     time_zone,
+                    privacy,
                     written_agents: written_agents.collect(),
                     report,
                 };

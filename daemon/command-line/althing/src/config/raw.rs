@@ -115,6 +115,7 @@ pub(super) struct RawEcosystem {
     /// Empty if the key is missing.
     pub(super) reasoning: Vec<String>,
     pub(super) mode: agent::Mode,
+    pub(super) privacy: agent::ModelPrivacy,
     pub(super) daemons: Vec<String>,
     pub(super) time_zone: Option<String>,
 }

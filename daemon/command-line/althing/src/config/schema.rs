@@ -95,6 +95,7 @@ const ECOSYSTEM: &[SchemaKey] = &[
     key("vocabulary", Shape::Path, "the file with words that the standard ontology lacks"),
     key("reasoning", Shape::Texts, "the daemons that plan, if no agent of the file does"),
     key("mode", Shape::Choice(&["centralized", "decentralized"]), "the planning mode"),
+    key("privacy", Shape::Choice(&["ecosystem", "agents"]), "from whom `:private` parts are kept"),
     key("daemons", Shape::List(&Shape::Text), "daemons that host no agent yet"),
     key("time-zone", Shape::Text, "the time zone of its goals, such as \"Europe/Berlin\""),
 ];

@@ -254,7 +254,7 @@ temperatures = { hall = -300 }
           | ^^^^^^
           |
           = help: known are name, domain, problem, vocabulary, reasoning, mode,
-                  daemons, time-zone
+                  privacy, daemons, time-zone
 
         error: `timing.grace` must be a duration, such as "500ms", "2s" or "1min"
           --> house.toml:10:9

@@ -6,6 +6,7 @@
 //! restarts itself under the same process id. If the file has a mistake, the daemon changes
 //! nothing.
 
+use agent::{AgentSettings, ModelPrivacy};
 use std::collections::BTreeSet;
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
@@ -233,6 +234,8 @@ fn fixed(old: &Ecosystem, new: &Ecosystem, asked: &[String]) -> Vec<String> {
     let wish = |of: &Ecosystem, goal: &String| debug(&of.find_goal(goal).ok());
     let goals: Vec<_> =
         asked.iter().filter(|goal| wish(old, goal) != wish(new, goal)).cloned().collect();
+    let times =
+        |of: &Ecosystem| AgentSettings { privacy: ModelPrivacy::default(), ..of.settings.clone() };
     // Rights follow from the agents of each daemon, and are enforced only in a secured ecosystem.
     let is_secured = new.security.is_some();
     let parts = [
@@ -240,7 +243,8 @@ fn fixed(old: &Ecosystem, new: &Ecosystem, asked: &[String]) -> Vec<String> {
         ("the domain file", old.domain.to_string() != new.domain.to_string()),
         ("the map (rooms, doors, ways)", old.problem.to_string() != new.problem.to_string()),
         ("`mode` (`althing mode` changes it at once)", old.mode != new.mode),
-        ("`[settings]`", old.settings != new.settings),
+        ("`privacy`", old.settings.privacy != new.settings.privacy),
+        ("`[timing]`, `[limits]` or the names of agents that reason", times(old) != times(new)),
         ("`[zenoh]`", old.zenoh != new.zenoh),
         ("`[security]`", debug(&old.security) != debug(&new.security)),
         ("rights", is_secured && old.rights != new.rights),

@@ -20,7 +20,8 @@ impl Interpreter<'_> {
         limits: &RawLimits,
         agents: &[AgentEntry],
     ) -> AgentSettings {
-        let settings = AgentSettings { roles: role_names(agents), ..settings(timing, limits) };
+        let (roles, privacy) = (role_names(agents), self.privacy);
+        let settings = AgentSettings { roles, privacy, ..settings(timing, limits) };
         for rule in settings.timing_rules() {
             self.rule(&rule);
         }

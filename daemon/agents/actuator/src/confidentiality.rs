@@ -1,0 +1,195 @@
+//! What an actuator keeps to itself in an ecosystem with `privacy = "agents"`: the private parts of its
+//! action model and of its facts.
+//!
+//! The device knows nothing of it. Everything that leaves the actuator passes through here: the model
+//! that it announces, the facts of its heartbeats and its observations. `skeleton` decides what may be
+//! told.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use acl::Millis;
+use acl::content::{Method, Methods};
+use agent::{Host, ModelPrivacy};
+use pddl::{ActionModel, Domain, InitElement, Privacy, Problem};
+use skeleton::{ConfidentialModel, FillRefusal};
+
+use crate::device::{Description, OwnFact};
+
+/// Number of the longest steps of the device for which an announced action may last. The requester
+/// cannot know how many private steps the action takes; ways to a private place and back take three or
+/// four. Each step also has its own time limit.
+const STEPS_TIMED: u32 = 8;
+
+/// The private parts of an actuator.
+pub(crate) struct Confidentiality {
+    ontology: Arc<Domain>,
+    map: Arc<Problem>,
+    /// What the last model of the device became. A mutex, because an agent answers for its model
+    /// without being changed.
+    current: Mutex<Option<(ActionModel, Announceable)>>,
+}
+
+/// What may be told of a device's action model.
+#[derive(Clone)]
+enum Announceable {
+    /// Everything: nothing in it is private.
+    Whole,
+    /// The public part.
+    Part(Arc<ConfidentialModel>),
+    /// Nothing but names and types: its private parts cannot be told apart.
+    Nothing,
+}
+
+// === impl Confidentiality ===
+
+impl Confidentiality {
+    /// Returns the private parts of an actuator of `host`; `None` if agents keep nothing from each
+    /// other.
+    pub(crate) fn of(host: &Host) -> Option<Confidentiality> {
+        let (ontology, map) = (Arc::clone(&host.ontology), Arc::clone(&host.map));
+        match host.settings.privacy {
+            ModelPrivacy::Ecosystem => None,
+            ModelPrivacy::Agents => {
+                Some(Confidentiality { ontology, map, current: Mutex::new(None) })
+            }
+        }
+    }
+
+    /// Checks that a model can be announced without its private parts.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason, as text for a person.
+    pub(crate) fn check(&self, model: &ActionModel) -> Result<(), String> {
+        let made = ConfidentialModel::new(model, &self.ontology, &self.map);
+        made.map(|_| ()).map_err(|why| format!("privacy = \"agents\": {why}"))
+    }
+
+    /// Returns the actions of a model that others do not see.
+    pub(crate) fn private_actions(&self, described: &Description) -> Vec<String> {
+        let announced = self.announced(described.clone()).model.actions;
+        let own = described.model.actions.iter();
+        let hidden = own.filter(|own| !announced.iter().any(|told| told.name == own.name));
+        hidden.map(|action| action.name.as_str().to_owned()).collect()
+    }
+
+    /// Returns what the actuator announces of its device.
+    pub(crate) fn announced(&self, described: Description) -> Description {
+        let Description { model, methods } = described;
+        match self.announceable(&model) {
+            Announceable::Whole => Description { model, methods },
+            Announceable::Part(part) => {
+                let model = part.announced().clone();
+                let methods = announced_methods(&model, &methods);
+                Description { model, methods }
+            }
+            Announceable::Nothing => {
+                Description { model: nameless(model), methods: Methods::default() }
+            }
+        }
+    }
+
+    /// Returns the facts of the device that the actuator announces.
+    pub(crate) fn announced_facts(&self, facts: Vec<OwnFact>) -> Vec<OwnFact> {
+        match self.last() {
+            Announceable::Whole => facts,
+            Announceable::Part(part) => {
+                let told = facts.into_iter().filter_map(|OwnFact { fact, known_for }| {
+                    Some(OwnFact { fact: part.announced_fact(&fact)?, known_for })
+                });
+                told.collect()
+            }
+            Announceable::Nothing => Vec::new(),
+        }
+    }
+
+    /// Returns the observations of a method that the actuator reports.
+    pub(crate) fn announced_observations(&self, observed: Vec<InitElement>) -> Vec<InitElement> {
+        let facts = observed.into_iter().map(OwnFact::from).collect();
+        self.announced_facts(facts).into_iter().map(|fact| fact.fact).collect()
+    }
+
+    /// Returns the model of a device that has private parts; `None` for any other.
+    pub(crate) fn private_model(&self, model: &ActionModel) -> Option<Arc<ConfidentialModel>> {
+        match self.announceable(model) {
+            Announceable::Part(part) => Some(part),
+            Announceable::Whole | Announceable::Nothing => None,
+        }
+    }
+
+    /// Whether a goal, as PDDL, is about something private.
+    pub(crate) fn is_about_private(&self, goal: &str) -> bool {
+        let condition = pddl::parse_condition(goal).into_result();
+        match (self.last(), condition) {
+            (Announceable::Whole, _) => false,
+            (Announceable::Part(part), Ok(condition)) => part.is_about_private(&condition),
+            (Announceable::Part(_), Err(_)) | (Announceable::Nothing, _) => true,
+        }
+    }
+
+    /// Announces more from now on, after a proved refusal. Returns whether it does.
+    pub(crate) fn sharpen(&self, refusal: &FillRefusal) -> bool {
+        let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
+        match &mut *current {
+            Some((_, Announceable::Part(part))) => Arc::make_mut(part).sharpen(refusal),
+            _ => false,
+        }
+    }
+
+    /// Returns what may be told of the last model. Before there was one, nothing may.
+    fn last(&self) -> Announceable {
+        let current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
+        current.as_ref().map_or(Announceable::Nothing, |(_, announceable)| announceable.clone())
+    }
+
+    fn announceable(&self, model: &ActionModel) -> Announceable {
+        let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((known, announceable)) = &*current
+            && known == model
+        {
+            return announceable.clone();
+        }
+        let former = current.take().map(|(_, announceable)| announceable);
+        let announceable = match ConfidentialModel::new(model, &self.ontology, &self.map) {
+            Ok(None) => Announceable::Whole,
+            Ok(Some(mut part)) => {
+                if let Some(Announceable::Part(former)) = former {
+                    part.keep_like(&former);
+                }
+                Announceable::Part(Arc::new(part))
+            }
+            Err(why) => {
+                tracing::error!(agent = %model.agent, why, "its model is not announced");
+                Announceable::Nothing
+            }
+        };
+        *current = Some((model.clone(), announceable.clone()));
+        announceable
+    }
+}
+
+/// Returns the methods of announced actions: without arguments, which would name private parameters.
+fn announced_methods(announced: &ActionModel, own: &Methods) -> Methods {
+    let longest = own.values().map(|method| method.timeout.0).max().unwrap_or(Duration::ZERO);
+    let method = |name: &str| Method {
+        method: name.to_owned(),
+        arguments: Default::default(),
+        timeout: Millis(longest.saturating_mul(STEPS_TIMED)),
+    };
+    let names = announced.actions.iter().map(|action| action.name.as_str());
+    names.map(|name| (name.to_owned(), method(name))).collect()
+}
+
+/// Returns a model without actions, facts and private declarations.
+fn nameless(model: ActionModel) -> ActionModel {
+    let mut model = model;
+    model.predicates.retain(|it| it.privacy == Privacy::Public);
+    model.functions.retain(|it| it.privacy == Privacy::Public);
+    model.objects.retain(|it| it.privacy == Privacy::Public);
+    model.init.clear();
+    model.derived.clear();
+    model.actions.clear();
+    model.durative_actions.clear();
+    model
+}
