@@ -796,9 +796,9 @@ impl Actuator {
                         let asked = (conversation, &call);
                         actuator.answer_call(&participation, asked, &bid, ctx);
                     }
-                    Err(DeclinedCall { why, refusal }) => {
+                    Err(DeclinedCall { why, reason, refusal }) => {
                         let is_new = refusal.is_some_and(|it| actuator.announce_more(&it, ctx));
-                        let reason = if is_new { Reason::ModelChanged } else { Reason::Incapable };
+                        let reason = if is_new { Reason::ModelChanged } else { reason };
                         ctx.refuse(&participation, reason, why);
                     }
                 }

@@ -18,6 +18,20 @@ const PART_STEPS_MAX: usize = 10_000;
 /// take some thousands; the limit is reached after half a second.
 const CHECK_STEPS_MAX: u64 = 3_000_000;
 
+/// A part of a joint plan that an actuator declines, for a reason that is text for a person.
+pub(crate) enum DeclinedPart {
+    /// A step of it is not possible in the state that the actuator knows.
+    NotNow(String),
+    /// Any other reason.
+    Unusable(String),
+}
+
+impl From<String> for DeclinedPart {
+    fn from(why: String) -> DeclinedPart {
+        DeclinedPart::Unusable(why)
+    }
+}
+
 /// Checks the part of a joint plan for the actuator `agent`. Returns the bid that agrees to it: its
 /// only proposal consists of the actuator's own steps.
 ///
@@ -30,9 +44,9 @@ pub(crate) fn agree(
     part: &JointPlanPart,
     agent: &AgentId,
     cancel: &Cancel,
-) -> Result<Bid, String> {
+) -> Result<Bid, DeclinedPart> {
     if part.steps.len() > PART_STEPS_MAX {
-        return Err(format!("its part has more than {PART_STEPS_MAX} elements"));
+        return Err(format!("its part has more than {PART_STEPS_MAX} elements").into());
     }
     let world = World::initial(&snapshot.domain, &snapshot.problem).map_err(|diagnostics| {
         let first = diagnostics.first().map(ToString::to_string).unwrap_or_default();
@@ -45,7 +59,9 @@ pub(crate) fn agree(
             PartStep::Own(text) => {
                 let step = read_own(text, agent)?;
                 let applied = world.apply(&snapshot.inside(&step));
-                applied.map_err(|fault| format!("it cannot do `{step}`: {fault}"))?;
+                let not_now =
+                    |fault| DeclinedPart::NotNow(format!("it cannot do `{step}`: {fault}"));
+                applied.map_err(not_now)?;
                 own.push(step);
             }
             PartStep::Others(text) => {
@@ -58,7 +74,7 @@ pub(crate) fn agree(
         }
     }
     if own.is_empty() {
-        return Err("its part has no step of its own".to_owned());
+        return Err("its part has no step of its own".to_owned().into());
     }
     let plan = Plan { steps: own, cost: None }.to_string();
     let cost = world.cost().unwrap_or(0.0);

@@ -13,6 +13,7 @@ use agent::{Participation, TimerId, TrackedGoal, WorkHandle};
 use goal_lifecycle::{Attempt, GoalState};
 use pddl::{Condition, Plan, PlanStep};
 use planner::Cancel;
+use tokio::time::Instant;
 
 use crate::due_goal::GoalLimits;
 use crate::explanations::GoalContext;
@@ -34,6 +35,9 @@ pub(crate) struct Goal {
     pub(crate) partition: Partition,
     /// Times at which the goal is late or given up; `None` if there are none.
     pub(crate) limits: Option<GoalLimits>,
+    /// Since when agents decline parts of joint plans because they know other facts than this agent;
+    /// `None` if none does.
+    pub(crate) views_differ_since: Option<Instant>,
     pub(crate) state: GoalState,
     pub(crate) work: Work,
     /// Data of the present round of planning; `None` if no plan is being made for the goal.
@@ -127,6 +131,7 @@ impl Goal {
             limits: None,
             state: GoalState::new(keep),
             work: Work::Nothing,
+            views_differ_since: None,
             round: None,
             plan: None,
             other_plan: None,

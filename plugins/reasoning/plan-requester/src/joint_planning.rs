@@ -9,6 +9,9 @@
 //! - A requester holds no agent while it waits for another: if one agent has other work, all agreements
 //!   are rejected, and the goal is planned for again after a while. So several requesters that want the
 //!   same agents never wait for each other.
+//! - If an agent declines because it knows other facts than the requester, and there is no plan without
+//!   it, the goal is planned for again until the heartbeat lease is over: a heartbeat may have been
+//!   lost.
 //! - Nothing is executed before all agents have agreed.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -57,6 +60,7 @@ impl PlanRequester {
             members,
             gap,
             declined: Vec::new(),
+            differing: None,
             plans: 0,
             phase: JointPhase::Idle,
         };
@@ -243,6 +247,7 @@ impl PlanRequester {
         let Some(state) = self.planning_jointly(id) else { return };
         let is_same = state.members.get(&agent) == Some(&message.incarnation);
         let JointPhase::Agreeing(pending) = &mut state.phase else { return };
+        let mut differs = false;
         let answer = match message.performative {
             Performative::Agree => match message.content_as::<Bid>() {
                 Ok(bid) if bid.agreed.as_ref() == Some(&pending.joint.digest) && is_same => Ok(()),
@@ -260,11 +265,15 @@ impl PlanRequester {
                     let why = format!("`{agent}` {said}: {}", refusal.detail);
                     return self.postpone_joint_plan(id, &agent, why, ctx);
                 }
+                differs = refusal.as_ref().is_ok_and(|it| it.reason == Reason::Conflict);
                 Err(refusal.map_or_else(|_| "without a reason".to_owned(), |it| it.detail))
             }
         };
         if let Err(why) = answer {
             let why = format!("`{agent}` declines its part: {why}");
+            if differs {
+                state.differing.get_or_insert_with(|| why.clone());
+            }
             return self.part_declined(id, (agent, why), ctx);
         }
         pending.agreed.extend(pending.awaited.remove_entry(&agent));
@@ -339,6 +348,9 @@ impl PlanRequester {
             return;
         };
         let JointPhase::Agreeing(pending) = phase else { return };
+        if let Some(goal) = self.goals.get_mut(id) {
+            goal.views_differ_since = None;
+        }
         let decision = self.decide(id, &known, &pending.joint.plan);
         let is_run = matches!(decision, PlanDecision::Run);
         let why = gap.describe(&declined);
@@ -361,7 +373,19 @@ impl PlanRequester {
         ctx: &mut Context<Self>,
     ) {
         let open = self.open_conjuncts(id);
-        let Some(goal) = self.goals.get(id).map(|goal| goal.condition.clone()) else { return };
+        let (now, lease) = (ctx.now(), ctx.settings().heartbeat_lease);
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        if let Some(why) = &state.differing {
+            // A heartbeat may have been lost on the way to one of the two.
+            let since = *goal.views_differ_since.get_or_insert(now);
+            if now.saturating_duration_since(since) < lease {
+                let (attempt, why) = (state.attempt, why.clone());
+                let share = waiting_share(id, attempt);
+                return self.handle(id, GoalEvent::MembersBusy(attempt, why, share), ctx);
+            }
+        }
+        goal.views_differ_since = None;
+        let goal = goal.condition.clone();
         let JointPlanState { attempt, gap, declined, .. } = state;
         let explained = move |known: &PlanningSnapshot, cancel: &Cancel| {
             let why = why_none(known, &goal, open, (&gap, &declined), cancel);

@@ -38,6 +38,8 @@ pub(crate) struct JointPlanState {
     pub(crate) gap: BiddingGap,
     /// The reasons, as text for a person, why agents were left out.
     pub(crate) declined: Vec<String>,
+    /// The reason of an agent whose state of the world differs from `known`; `None` if there is none.
+    pub(crate) differing: Option<String>,
     /// Number of joint plans that were searched.
     pub(crate) plans: u32,
     pub(crate) phase: JointPhase,

@@ -7,6 +7,7 @@ mod apart;
 mod bids;
 mod commitments;
 mod copying;
+mod deaths;
 mod early;
 mod ended;
 mod executors;

@@ -23,7 +23,7 @@ use planner::{Cancel, Replanner};
 use skeleton::{ConfidentialModel, FillRefusal, FilledPart, KnownWorld};
 
 use super::{Actuator, RunningCommand};
-use crate::agreeing::agree;
+use crate::agreeing::{DeclinedPart, agree};
 use crate::bidding::{bid, bounded};
 use crate::device::{Description, MethodCall, MethodFailure, MethodResult, OwnFact};
 
@@ -35,6 +35,7 @@ const PLANNED_WITHIN: Duration = Duration::from_secs(5);
 pub(super) struct DeclinedCall {
     /// The reason, as text for a person. It names nothing private.
     pub(super) why: String,
+    pub(super) reason: Reason,
     /// The refusal of a part or a proposal that there are no private steps for.
     pub(super) refusal: Option<FillRefusal>,
 }
@@ -47,13 +48,25 @@ pub(super) struct PrivatePart {
 
 impl From<String> for DeclinedCall {
     fn from(why: String) -> DeclinedCall {
-        DeclinedCall { why, refusal: None }
+        DeclinedCall { why, reason: Reason::Incapable, refusal: None }
+    }
+}
+
+impl From<DeclinedPart> for DeclinedCall {
+    fn from(declined: DeclinedPart) -> DeclinedCall {
+        match declined {
+            DeclinedPart::NotNow(why) => {
+                DeclinedCall { why, reason: Reason::Conflict, refusal: None }
+            }
+            DeclinedPart::Unusable(why) => why.into(),
+        }
     }
 }
 
 impl From<FillRefusal> for DeclinedCall {
     fn from(refusal: FillRefusal) -> DeclinedCall {
-        DeclinedCall { why: refusal.why.clone(), refusal: Some(refusal) }
+        let (why, reason) = (refusal.why.clone(), Reason::Incapable);
+        DeclinedCall { why, reason, refusal: Some(refusal) }
     }
 }
 
@@ -70,11 +83,10 @@ pub(super) fn answer(
     cancel: &Cancel,
 ) -> Result<Bid, DeclinedCall> {
     let Some(private) = private else {
-        let answered = match &call.part {
-            Some(part) => agree(&local, call, part, agent, cancel),
-            None => bid(local, call, replanner, cancel),
-        };
-        return Ok(answered?);
+        return Ok(match &call.part {
+            Some(part) => agree(&local, call, part, agent, cancel)?,
+            None => bid(local, call, replanner, cancel)?,
+        });
     };
     match &call.part {
         Some(part) => {

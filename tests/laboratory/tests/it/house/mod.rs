@@ -11,9 +11,11 @@ use acl::{AgentId, DaemonId, EcosystemId};
 use actuator::{Actuator, Device};
 use agent::{
     AgentSettings, Blueprint, Host, LaunchContext, LaunchError, LaunchableAgent, MessageRouter,
-    Mode, PluginEntry,
+    Mode, ModelPrivacy, PluginEntry,
 };
+use pddl::{Domain, Problem};
 use substrate::memory::Network;
+use substrate::{Inbound, Substrate, faulty};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
@@ -32,11 +34,37 @@ impl House {
         House { network: Network::new(), host: Arc::new(host) }
     }
 
+    /// Returns this house with agents that keep their private parts from these agents.
+    pub(crate) fn with_privacy(mut self, privacy: ModelPrivacy) -> House {
+        let settings = AgentSettings { privacy, ..self.host.settings.clone() };
+        let Host { ontology, map, mode, .. } = &*self.host;
+        let host = Host {
+            settings,
+            mode: *mode,
+            ..Host::new(Domain::clone(ontology), Problem::clone(map))
+        };
+        self.host = Arc::new(host);
+        self
+    }
+
     pub(crate) fn machine(&self, name: &str) -> Arc<MessageRouter> {
+        self.connected(name, |daemon, inbound| self.network.open(daemon, inbound))
+    }
+
+    /// Returns a machine on a network with faults.
+    pub(crate) fn machine_on(&self, name: &str, network: &faulty::Network) -> Arc<MessageRouter> {
+        self.connected(name, |daemon, inbound| network.open(daemon, inbound))
+    }
+
+    fn connected(
+        &self,
+        name: &str,
+        open: impl FnOnce(DaemonId, Arc<dyn Inbound>) -> Arc<dyn Substrate>,
+    ) -> Arc<MessageRouter> {
         let daemon = DaemonId::new(name).expect("a name");
         let ecosystem = EcosystemId::new("home").expect("a name");
         let machine = MessageRouter::new(ecosystem, daemon.clone(), self.host.settings.clone());
-        machine.connect(self.network.open(daemon, Arc::<MessageRouter>::clone(&machine) as _));
+        machine.connect(open(daemon, Arc::<MessageRouter>::clone(&machine) as _));
         machine
     }
 
