@@ -28,11 +28,11 @@ use substrate::BoxFuture;
 use tokio::sync::oneshot;
 
 use crate::actuator::open_initiatives::OpenInitiatives;
-use crate::actuator::private_steps::{DeclinedCall, answer};
+use crate::actuator::private_steps::{DeclinedCall, PrivateProgress, answer};
 use crate::actuator::stopping::StandingStill;
 use crate::commitment::Commitment;
 use crate::confidentiality::Confidentiality;
-use crate::device::{Description, Device, MethodCall, MethodFailure, MethodResult};
+use crate::device::{Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact};
 use crate::erased_device::{ErasedDevice, ErasedYield};
 use crate::ledger::{Ledger, TokenState};
 use crate::safeguards::{SafeguardedActions, Safeguards};
@@ -102,6 +102,8 @@ struct AnnouncedModel {
     /// What was announced; `None` before the first announcement.
     description: Option<Description>,
     digest: String,
+    /// The facts of the last heartbeat; empty unless the actuator keeps something from others.
+    told_facts: Vec<OwnFact>,
     /// The announced actions, each with the method that carries it out.
     offered: Box<[(String, Method)]>,
     sequence: u64,
@@ -126,6 +128,8 @@ struct RunningCommand {
     call: Option<MethodCall>,
     /// The calls that follow, each with its time limit; empty unless private steps belong to the action.
     further_calls: VecDeque<(MethodCall, Duration)>,
+    /// How far an action with private steps is; `None` for any other action.
+    private: Option<PrivateProgress>,
     _work: WorkHandle,
 }
 
@@ -326,12 +330,20 @@ impl Actuator {
     /// Builds the next heartbeat. If the action model has changed since the last announcement,
     /// announces the full model instead and returns `None`.
     fn heartbeat_or_announce(&mut self, ctx: &mut Context<Self>) -> Option<Heartbeat> {
-        // Comparing the descriptions is much faster than writing the model as text and hashing it.
-        if self.announced.description.as_ref() != Some(&self.offer()) {
-            self.announce(ctx);
+        if self.announce_changed_model(ctx) {
             return None;
         }
         Some(self.heartbeat(ctx))
+    }
+
+    /// Announces the model if it has changed since the last announcement. Returns whether it has.
+    fn announce_changed_model(&mut self, ctx: &mut Context<Self>) -> bool {
+        // Comparing the descriptions is much faster than writing the model as text and hashing it.
+        let has_changed = self.announced.description.as_ref() != Some(&self.offer());
+        if has_changed {
+            self.announce(ctx);
+        }
+        has_changed
     }
 
     fn schedule_heartbeat(&mut self, ctx: &mut Context<Self>) {
@@ -350,8 +362,12 @@ impl Actuator {
     fn heartbeat(&mut self, ctx: &Context<Self>) -> Heartbeat {
         self.apply_buttons(ctx);
         self.announced.sequence += 1;
+        let facts = self.announced_facts();
+        if self.confidentiality.is_some() {
+            self.announced.told_facts.clone_from(&facts);
+        }
         let (lasting, passing): (Vec<_>, Vec<_>) =
-            self.announced_facts().into_iter().partition(|fact| fact.known_for.is_none());
+            facts.into_iter().partition(|fact| fact.known_for.is_none());
         let lasting = lasting.into_iter().map(|fact| fact.fact);
         let lasting: Vec<_> = lasting.chain(self.stop_fact(ctx.id())).collect();
         let known_for = passing
@@ -400,6 +416,10 @@ impl Actuator {
             return Ok(());
         }
         let Act { action, method, arguments, token } = act;
+        if self.confidentiality.is_some() {
+            // What may be told of the device is decided by its present model.
+            self.announce_changed_model(ctx);
+        }
         if let Some(stop) = self.stop_against(&action, ctx.id()) {
             return Err(stopping::refusal(&action, &stop));
         }
@@ -427,13 +447,19 @@ impl Actuator {
         }
         let recorded = self.agree_to_act(participation, &token, ctx);
         let timeout = self.without_patience(&call, timeout);
-        let work = self.start_call(&call, timeout, recorded, ctx);
+        let consent = self.ask_leave(&call.action, ctx);
+        let ready = Box::pin(async move {
+            recorded.await?;
+            consent.await
+        });
+        let work = self.start_call(&call, timeout, ready, ctx);
         self.running_command = Some(RunningCommand {
             token,
             action,
             subscribers: vec![participation.clone()],
             call: Some(call),
             further_calls: VecDeque::new(),
+            private: None,
             _work: work,
         });
         Ok(())
@@ -452,7 +478,7 @@ impl Actuator {
         on_disk("the token", self.ledger.begin_token(token.clone()), ctx)
     }
 
-    /// Starts a call of the device when `ready` has ended and people allow it, if they have to.
+    /// Starts a call of the device when `ready` has ended.
     fn start_call(
         &mut self,
         call: &MethodCall,
@@ -460,13 +486,8 @@ impl Actuator {
         ready: BoxFuture<Result<(), MethodFailure>>,
         ctx: &mut Context<Self>,
     ) -> WorkHandle {
-        let consent = self.ask_leave(call, ctx);
         let performance = self.device.perform(call);
-        let work = async move {
-            ready.await?;
-            consent.await
-        };
-        ctx.run(work, move |actuator: &mut Self, leave, ctx| match leave {
+        ctx.run(ready, move |actuator: &mut Self, ready, ctx| match ready {
             Ok(()) => actuator.run_method(performance, timeout, ctx),
             Err(failure) => actuator.command_ended(Err(failure), ctx),
         })
@@ -572,7 +593,6 @@ impl Actuator {
         ctx: &mut Context<Self>,
     ) {
         let Some(mut running) = self.running_command.take() else { return };
-        let before = self.announced_facts();
         let outcome = match (outcome, running.call.take()) {
             (Ok(yielded), Some(call)) => Ok(self.device.on_success(&call, yielded)),
             (Ok(_), None) => Err(MethodFailure::GivenUp),
@@ -586,15 +606,13 @@ impl Actuator {
                 Err(failure)
             }
         };
-        if outcome.is_ok() && !running.further_calls.is_empty() {
+        if outcome.is_ok() && running.has_further_steps() {
             self.running_command = Some(running);
             // A heartbeat for each private step would tell others how many there are.
-            if self.announced_facts() != before {
-                self.send_heartbeat(ctx);
-            }
-            return self.next_call(ctx);
+            self.send_news(ctx);
+            return self.continue_action(ctx);
         }
-        let report = self.report(outcome, (&running.action, &running.token));
+        let report = self.report(outcome, &running);
         let RunningCommand { token, subscribers: askers, .. } = running;
         self.conclude(token, askers, report, ctx);
     }
@@ -604,17 +622,17 @@ impl Actuator {
     fn report(
         &self,
         outcome: Result<MethodResult, MethodFailure>,
-        (action, token): (&str, &ActionToken),
+        running: &RunningCommand,
     ) -> Report {
-        let is_private = self.private_model().is_some();
-        let public_detail = is_private.then(|| private_steps::public_detail(action, &outcome));
+        let RunningCommand { action, token, private, .. } = running;
+        let confidentiality = self.confidentiality.as_ref();
+        let hides = private.is_some() || confidentiality.is_some_and(|it| it.hides_something());
+        let public_detail = hides.then(|| private_steps::public_detail(action, &outcome));
         let mut report = match outcome {
             Ok(MethodResult { detail, observations }) => {
                 let report = Report::new(Outcome::Done, detail);
-                Report {
-                    observations: text_of(&self.announced_observations(observations)),
-                    ..report
-                }
+                let observations = self.announced_observations(observations, hides);
+                Report { observations: text_of(&observations), ..report }
             }
             Err(failure) => {
                 let report = Report::new(Outcome::Failed, format!("failed to {failure}"));
@@ -636,7 +654,7 @@ impl Actuator {
         if let Some(detail) = public_detail {
             report.detail = detail;
         }
-        report.action = Some(action.to_owned());
+        report.action = Some(action.clone());
         report
     }
 

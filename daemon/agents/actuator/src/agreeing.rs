@@ -16,7 +16,7 @@ const PART_STEPS_MAX: usize = 10_000;
 
 /// Limit on the work of checking one part, in the validator's steps. Parts in the largest buildings
 /// take some thousands; the limit is reached after half a second.
-const CHECK_STEPS_MAX: u64 = 3_000_000;
+pub(crate) const CHECK_STEPS_MAX: u64 = 3_000_000;
 
 /// A part of a joint plan that an actuator declines, for a reason that is text for a person.
 pub(crate) enum DeclinedPart {

@@ -89,9 +89,13 @@ impl Commitment {
         self.remaining_part.iter().any(|element| matches!(element, PartStep::Own(_)))
     }
 
-    /// Returns the rest of the part that begins with `step`; empty if that is no step of the rest.
-    pub(crate) fn part_from(&self, step: &str) -> &[PartStep] {
-        self.position(step).map_or(&[], |position| &self.remaining_part[position..])
+    /// Returns the rest of the part whose first own step is `step`, with what others change before it;
+    /// empty if it is no step of the rest.
+    pub(crate) fn part_from(&self, step: &str) -> Vec<PartStep> {
+        let Some(position) = self.position(step) else { return Vec::new() };
+        let (before, rest) = self.remaining_part.split_at(position);
+        let others = before.iter().filter(|element| matches!(element, PartStep::Others(_)));
+        others.chain(rest).cloned().collect()
     }
 
     fn position(&self, step: &str) -> Option<usize> {
@@ -156,8 +160,9 @@ mod tests {
         assert_eq!(commitment.part_from("(go ROBOT hall)").len(), 3);
         assert!(commitment.step_ended("(go robot hall)", Outcome::Done, now));
         assert!(commitment.part_from("(go robot hall)").is_empty(), "it is done");
-        let rest = [PartStep::Own("(go robot lab)".to_owned())];
-        assert_eq!(commitment.part_from("(go robot lab)"), rest);
+        let others = PartStep::Others("(open)".to_owned());
+        let rest = [others, PartStep::Own("(go robot lab)".to_owned())];
+        assert_eq!(commitment.part_from("(go robot lab)"), rest, "the others come before it");
     }
 
     #[test]

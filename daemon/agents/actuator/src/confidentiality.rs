@@ -5,7 +5,7 @@
 //! that it announces, the facts of its heartbeats and its observations. `skeleton` decides what may be
 //! told.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use acl::Millis;
@@ -25,9 +25,17 @@ const STEPS_TIMED: u32 = 8;
 pub(crate) struct Confidentiality {
     ontology: Arc<Domain>,
     map: Arc<Problem>,
-    /// What the last model of the device became. A mutex, because an agent answers for its model
-    /// without being changed.
-    current: Mutex<Option<(ActionModel, Announceable)>>,
+    /// A mutex, because an agent answers for its model without being changed.
+    models: Mutex<KnownModels>,
+}
+
+#[derive(Default)]
+struct KnownModels {
+    /// The last model of the device, and what may be told of it.
+    current: Option<(ActionModel, Announceable)>,
+    /// The last model with private parts: what is announced once is announced from then on, and opaque
+    /// names keep their meaning.
+    former: Option<Arc<ConfidentialModel>>,
 }
 
 /// What may be told of a device's action model.
@@ -51,7 +59,7 @@ impl Confidentiality {
         match host.settings.privacy {
             ModelPrivacy::Ecosystem => None,
             ModelPrivacy::Agents => {
-                Some(Confidentiality { ontology, map, current: Mutex::new(None) })
+                Some(Confidentiality { ontology, map, models: Mutex::default() })
             }
         }
     }
@@ -62,7 +70,7 @@ impl Confidentiality {
     ///
     /// Returns the reason, as text for a person.
     pub(crate) fn check(&self, model: &ActionModel) -> Result<(), String> {
-        let made = ConfidentialModel::new(model, &self.ontology, &self.map);
+        let made = ConfidentialModel::new(model, &self.ontology, &self.map, None);
         made.map(|_| ()).map_err(|why| format!("privacy = \"agents\": {why}"))
     }
 
@@ -104,6 +112,11 @@ impl Confidentiality {
         }
     }
 
+    /// Whether the device has something that may not be told.
+    pub(crate) fn hides_something(&self) -> bool {
+        !matches!(self.last(), Announceable::Whole)
+    }
+
     /// Returns the observations of a method that the actuator reports.
     pub(crate) fn announced_observations(&self, observed: Vec<InitElement>) -> Vec<InitElement> {
         let facts = observed.into_iter().map(OwnFact::from).collect();
@@ -128,43 +141,56 @@ impl Confidentiality {
         }
     }
 
-    /// Announces more from now on, after a proved refusal. Returns whether it does.
-    pub(crate) fn sharpen(&self, refusal: &FillRefusal) -> bool {
-        let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
-        match &mut *current {
-            Some((_, Announceable::Part(part))) => Arc::make_mut(part).sharpen(refusal),
+    /// Announces more from now on, after a proved refusal that was made with `model`. Returns whether it
+    /// does; a refusal that was made with a former model proves nothing of the present one.
+    pub(crate) fn sharpen(&self, refusal: &FillRefusal, model: &Arc<ConfidentialModel>) -> bool {
+        let mut models = self.lock();
+        let KnownModels { current, former } = &mut *models;
+        match current {
+            Some((_, Announceable::Part(part))) if Arc::ptr_eq(part, model) => {
+                let mut sharper = ConfidentialModel::clone(part);
+                let is_sharper = sharper.sharpen(refusal);
+                if is_sharper {
+                    *part = Arc::new(sharper);
+                    *former = Some(Arc::clone(part));
+                }
+                is_sharper
+            }
             _ => false,
         }
     }
 
+    fn lock(&self) -> MutexGuard<'_, KnownModels> {
+        self.models.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Returns what may be told of the last model. Before there was one, nothing may.
     fn last(&self) -> Announceable {
-        let current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
-        current.as_ref().map_or(Announceable::Nothing, |(_, announceable)| announceable.clone())
+        let models = self.lock();
+        models.current.as_ref().map_or(Announceable::Nothing, |(_, it)| it.clone())
     }
 
     fn announceable(&self, model: &ActionModel) -> Announceable {
-        let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((known, announceable)) = &*current
+        let mut models = self.lock();
+        if let Some((known, announceable)) = &models.current
             && known == model
         {
             return announceable.clone();
         }
-        let former = current.take().map(|(_, announceable)| announceable);
-        let announceable = match ConfidentialModel::new(model, &self.ontology, &self.map) {
+        let former = models.former.as_deref();
+        let announceable = match ConfidentialModel::new(model, &self.ontology, &self.map, former) {
             Ok(None) => Announceable::Whole,
-            Ok(Some(mut part)) => {
-                if let Some(Announceable::Part(former)) = former {
-                    part.keep_like(&former);
-                }
-                Announceable::Part(Arc::new(part))
+            Ok(Some(part)) => {
+                let part = Arc::new(part);
+                models.former = Some(Arc::clone(&part));
+                Announceable::Part(part)
             }
             Err(why) => {
                 tracing::error!(agent = %model.agent, why, "its model is not announced");
                 Announceable::Nothing
             }
         };
-        *current = Some((model.clone(), announceable.clone()));
+        models.current = Some((model.clone(), announceable.clone()));
         announceable
     }
 }

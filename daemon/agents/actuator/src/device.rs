@@ -42,7 +42,8 @@ pub trait Device: Sized + Send + 'static {
     }
 
     /// Returns a refusal if the device declines the call of an offered method, otherwise `None`.
-    /// Called before the agent agrees to the request.
+    /// Called before the agent agrees to the request; for a step of an action with private steps, before
+    /// that step.
     fn check_call(&mut self, _call: &MethodCall) -> Option<Refusal> {
         None
     }

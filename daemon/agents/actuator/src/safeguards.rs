@@ -85,14 +85,15 @@ impl SafeguardedActions {
         Err(format!("`{unknown}` is no action of it; {hint}"))
     }
 
-    /// Checks that no safeguarded action is one of `private`. A question about it would name it.
+    /// Checks that people are asked about no action of `private`. A question about it would name it.
     ///
     /// # Errors
     ///
     /// Returns the first such name.
     pub(crate) fn check_none_of(&self, private: &[String]) -> Result<(), String> {
-        match self.safeguards.keys().find(|name| private.contains(name)) {
-            Some(name) => Err(format!(
+        let mut asked = self.safeguards.iter().filter(|(_, it)| it.asks_people.is_some());
+        match asked.find(|(name, _)| private.contains(name)) {
+            Some((name, _)) => Err(format!(
                 "`{name}` is private to it (privacy = \"agents\"), and people would be asked about \
                  it by name; safeguard the public action that it serves"
             )),

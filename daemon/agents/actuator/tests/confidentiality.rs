@@ -5,16 +5,16 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use acl::content::{
-    Act, ActionToken, CallForProposals, Inform, JointPlanPart, Method, Outcome, PartStep, Refusal,
-    Report, Request, Stop, value,
+    Act, ActionToken, CallForProposals, Inform, JointPlanPart, Method, Outcome, PartStep, Reason,
+    Refusal, Report, Request, Stop, StopEffect, value,
 };
 use acl::{
     AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message, Millis, Performative,
     Protocol,
 };
 use actuator::{
-    ActionSafeguard, Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure,
-    MethodResult, OwnFact, Safeguards, facts_of, model_of,
+    ActionSafeguard, Actuator, BeginLimit, BoxFuture, Description, Device, MethodCall,
+    MethodFailure, MethodResult, OwnFact, Safeguards, facts_of, model_of,
 };
 use agent::{
     Agent, AgentSettings, Blueprint, BuildError, Callbacks, Context, ExchangeEvent,
@@ -48,6 +48,11 @@ struct Truth {
     is_key_hanging: bool,
     is_key_held: bool,
     is_open: bool,
+    is_bolted: bool,
+    /// Whether the gate is bolted while the keeper fetches its key.
+    is_bolted_meanwhile: bool,
+    /// Whether the model cannot be told without its private parts as soon as the key is held.
+    has_axiom: bool,
     calls: Vec<String>,
 }
 
@@ -55,7 +60,17 @@ impl Truth {
     fn new(key: &str, hook: &str) -> Truth {
         let calls = Vec::new();
         let (key, hook) = (key.to_owned(), hook.to_owned());
-        Truth { key, hook, is_key_hanging: false, is_key_held: false, is_open: false, calls }
+        Truth {
+            key,
+            hook,
+            is_key_hanging: false,
+            is_key_held: false,
+            is_open: false,
+            is_bolted: false,
+            is_bolted_meanwhile: false,
+            has_axiom: false,
+            calls,
+        }
     }
 }
 
@@ -72,21 +87,23 @@ impl Device for Keeper {
     type Yield = ();
 
     fn describe(&self) -> Description {
-        let (key, hook) = {
+        let (key, hook, has_axiom) = {
             let truth = self.0.lock().expect("no panic");
-            (truth.key.clone(), truth.hook.clone())
+            (truth.key.clone(), truth.hook.clone(), truth.has_axiom && truth.is_key_held)
         };
+        let axiom = if has_axiom { "(:derived (guarded ?d - gate) (open ?d))" } else { "" };
         let model = model_of(&format!(
             "(define (agent keeper) (:domain home)
                 (:types doorkeeper - agent key - object)
-                (:predicates (:private (holding ?a - doorkeeper ?k - key)
+                (:predicates (guarded ?d - gate) (:private (holding ?a - doorkeeper ?k - key)
                     (hanging ?k - key ?r - room)))
                 (:objects keeper - doorkeeper (:private {key} - key {hook} - room))
                 (:action fetch :agent ?a - doorkeeper :parameters (?k - key ?r - room)
                     :precondition (hanging ?k ?r)
                     :effect (and (holding ?a ?k) (not (hanging ?k ?r))))
                 (:action unlock :agent ?a - doorkeeper :parameters (?d - gate ?k - key)
-                    :precondition (holding ?a ?k) :effect (open ?d)))"
+                    :precondition (and (holding ?a ?k) (not (bolted ?d))) :effect (open ?d))
+                {axiom})"
         ));
         let method = |name: &str, arguments: &[(&str, &str)]| Method {
             method: format!("{name}-it"),
@@ -107,6 +124,7 @@ impl Device for Keeper {
             (truth.is_key_hanging, format!("(hanging {key} {hook})")),
             (truth.is_key_held, format!("(holding keeper {key})")),
             (truth.is_open, "(open gate1)".to_owned()),
+            (truth.is_bolted, "(bolted gate1)".to_owned()),
         ];
         let told = told.into_iter().filter(|(is, _)| *is).map(|(_, fact)| fact);
         facts_of(&told.collect::<Vec<_>>().join(" "))
@@ -120,7 +138,10 @@ impl Device for Keeper {
             let arguments: Vec<_> = arguments.into_values().collect();
             truth.calls.push(format!("{method} {}", arguments.join(" ")));
             match method.as_str() {
-                "fetch-it" => (truth.is_key_hanging, truth.is_key_held) = (false, true),
+                "fetch-it" => {
+                    (truth.is_key_hanging, truth.is_key_held) = (false, true);
+                    truth.is_bolted |= truth.is_bolted_meanwhile;
+                }
                 _ => truth.is_open = true,
             }
             Ok(())
@@ -179,7 +200,7 @@ fn blueprint(safeguarded: &str, heartbeat_period: Duration) -> Blueprint {
     let ontology = pddl::parse_domain(
         "(define (domain home) (:requirements :typing)
             (:types agent room gate - object)
-            (:predicates (open ?d - gate)))",
+            (:predicates (open ?d - gate) (bolted ?d - gate)))",
     );
     let map = pddl::parse_problem(
         "(define (problem map) (:domain home)
@@ -190,8 +211,15 @@ fn blueprint(safeguarded: &str, heartbeat_period: Duration) -> Blueprint {
         ..Host::new(ontology.value.expect("a domain"), map.value.expect("a map"))
     };
     if !safeguarded.is_empty() {
-        let safeguard = ActionSafeguard { asks_people: Some(SECOND), limit: None };
-        let of_keeper = [(safeguarded.to_owned(), safeguard)].into();
+        let safeguard = match safeguarded.strip_prefix("limit ") {
+            Some(_) => {
+                let limit = Some(BeginLimit { at_most: 1, per: HOUR });
+                ActionSafeguard { asks_people: None, limit }
+            }
+            None => ActionSafeguard { asks_people: Some(SECOND), limit: None },
+        };
+        let action = safeguarded.trim_start_matches("limit ").to_owned();
+        let of_keeper = [(action, safeguard)].into();
         host.resources.insert(Safeguards([(name("keeper"), of_keeper)].into()));
     }
     let config = serde_json::Value::Null.into();
@@ -370,6 +398,80 @@ async fn an_agreement_counts_the_cost_of_private_steps() {
     home.texts();
 }
 
+/// The announced model is right: what forbids the action is known to all.
+#[tokio::test(start_paused = true)]
+async fn a_public_obstacle_makes_no_agent_tell_more() {
+    let truth = Truth { is_key_hanging: true, is_bolted: true, ..Truth::default() };
+    let mut home = home_of(truth, ("", SECOND), vec![(SECOND * 3, unlock(1))]);
+    let report = home.report().await;
+    assert_eq!((report.outcome, report.declined), (Outcome::Failed, Some(Reason::Conflict)));
+    assert!(report.detail.contains("(bolted gate1)"), "{report:?}");
+    assert!(home.calls().is_empty());
+    assert!(!home.texts().iter().any(|text| text.contains("keeper--p")), "nothing more is told");
+}
+
+#[tokio::test(start_paused = true)]
+async fn the_action_is_checked_again_after_its_private_steps() {
+    let truth = Truth { is_key_hanging: true, is_bolted_meanwhile: true, ..Truth::default() };
+    let mut home = home_of(truth, ("", SECOND), vec![(SECOND * 3, unlock(1))]);
+    let report = home.report().await;
+    assert_eq!((report.outcome, report.declined), (Outcome::Failed, Some(Reason::Conflict)));
+    assert_eq!(home.calls(), ["fetch-it cellar brass"], "the bolted gate is not unlocked");
+    home.texts();
+}
+
+/// The model has an axiom as soon as the key is held, and cannot be told any more.
+#[tokio::test(start_paused = true)]
+async fn a_model_that_changes_during_an_action_tells_nothing() {
+    let truth = Truth { is_key_hanging: true, has_axiom: true, ..Truth::default() };
+    let openings = vec![(SECOND * 3, unlock(1)), (SECOND * 30, unlock(2))];
+    let mut home = home_of(truth, ("", SECOND), openings);
+    let report = home.report().await;
+    assert_eq!(report.outcome, Outcome::Failed);
+    assert!(report.detail.contains("the log of its daemon"), "{report:?}");
+    let answer = home.answer().await;
+    assert_eq!(answer.performative, Performative::Refuse, "nothing is offered: {answer:?}");
+    assert_eq!(home.calls(), ["fetch-it cellar brass"]);
+    home.texts();
+}
+
+/// A limit of a private action counts its beginnings, and its refusal does not name it.
+#[tokio::test(start_paused = true)]
+async fn a_private_action_begins_no_oftener_than_it_may() {
+    let truth = Truth { is_key_hanging: true, ..Truth::default() };
+    let openings = vec![(SECOND * 3, unlock(1)), (SECOND * 30, unlock(2))];
+    let mut home = home_of(truth, ("limit fetch", SECOND), openings);
+    assert_eq!(home.report().await.outcome, Outcome::Done);
+    {
+        let mut truth = home.truth.lock().expect("no panic");
+        (truth.is_key_hanging, truth.is_key_held) = (true, false);
+    }
+    assert_eq!(home.report().await.outcome, Outcome::Failed);
+    let fetched = home.calls().iter().filter(|call| call.starts_with("fetch")).count();
+    assert_eq!(fetched, 1, "{:?}", home.calls());
+    home.texts();
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_that_names_a_private_place_ends_the_step_there() {
+    let stop = Request::Stop(Stop {
+        id: "s".to_owned(),
+        scope: vec!["cellar".to_owned()],
+        by: name("listener"),
+        why: String::new(),
+    });
+    let stop = opening(Performative::Request, Protocol::StateChange, value(&stop));
+    let mut home = home(true, "", vec![(SECOND * 3, unlock(1)), (SECOND * 4, stop)]);
+    let mut outcomes = Vec::new();
+    for _ in 0..2 {
+        let report = home.report().await;
+        outcomes.push((report.outcome, report.stop_effect));
+    }
+    assert!(outcomes.contains(&(Outcome::Cancelled, None)), "{outcomes:?}");
+    assert!(outcomes.contains(&(Outcome::Done, Some(StopEffect::Ended))), "{outcomes:?}");
+    assert!(home.calls().is_empty(), "{:?}", home.calls());
+}
+
 /// The stop comes while the keeper fetches its key, which names nothing public.
 #[tokio::test(start_paused = true)]
 async fn a_stop_ends_a_private_step_and_what_follows_it() {
@@ -454,5 +556,5 @@ async fn the_question_before_an_action_names_nothing_private() {
     let texts = home.texts();
     let asked = texts.iter().filter(|text| text.contains("about to do (unlock keeper gate1)"));
     assert_eq!(asked.count(), 1, "{texts:?}");
-    assert_eq!(home.calls(), ["fetch-it cellar brass"]);
+    assert!(home.calls().is_empty(), "people are asked first: {:?}", home.calls());
 }

@@ -9,15 +9,17 @@ use std::sync::Arc;
 
 use acl::content::PartStep;
 use pddl::factored::AgentFiles;
+use pddl::knowledge::Knowledge;
 use pddl::{
-    ActionModel, ActionSchema, Condition, Domain, FunctionDeclaration, InitElement, Name,
-    ObjectDeclaration, PredicateDeclaration, Privacy, Problem, Span, Term,
+    ActionModel, ActionSchema, Condition, Domain, Effect, FunctionDeclaration, InitElement, Name,
+    ObjectDeclaration, PredicateDeclaration, Privacy, Problem, Span, Term, Typed,
 };
 use planner::{Cancel, Options};
 
 use crate::fill::{FillRefusal, FillTask, FilledPart};
 use crate::opaque_names::ActionNaming;
 use crate::partner::Partner;
+use crate::private_symbols::PrivateSymbols;
 use crate::projection::ProjectedTask;
 
 /// An agent's own action model, and what it announces of it.
@@ -35,6 +37,8 @@ pub struct KnownWorld<'k> {
     pub domain: &'k Domain,
     /// A problem of this domain with the known state.
     pub problem: &'k Problem,
+    /// How the domain represents unknown facts.
+    pub knowledge: &'k Knowledge,
     /// The facts of the agent itself, also the private ones.
     pub own_facts: &'k [InitElement],
 }
@@ -43,6 +47,7 @@ pub struct KnownWorld<'k> {
 
 impl ConfidentialModel {
     /// Returns the confidential model of an agent; `None` if nothing in its action model is private.
+    /// What had an opaque name or was announced in `former`, the former one of this agent, keeps that.
     ///
     /// # Errors
     ///
@@ -52,9 +57,10 @@ impl ConfidentialModel {
         model: &ActionModel,
         ontology: &Domain,
         map: &Problem,
+        former: Option<&ConfidentialModel>,
     ) -> Result<Option<ConfidentialModel>, String> {
         let task = task_of(model, ontology, map);
-        if !crate::private_symbols::PrivateSymbols::of(&task).are_any() {
+        if !PrivateSymbols::of(&task).are_any() {
             return Ok(None);
         }
         let unsupported = match model {
@@ -66,7 +72,8 @@ impl ConfidentialModel {
             let agent = &model.agent;
             return Err(format!("the model of `{agent}` has private parts and {unsupported}"));
         }
-        let partner = Partner::with_naming(task, ActionNaming::OfModel)?;
+        let former = former.map(|it| &it.partner);
+        let partner = Partner::with_naming(task, ActionNaming::OfModel, former)?;
         let announced = announced(model, &partner);
         Ok(Some(ConfidentialModel { own: model.clone(), partner, announced }))
     }
@@ -88,10 +95,13 @@ impl ConfidentialModel {
     pub fn announced_fact(&self, fact: &InitElement) -> Option<InitElement> {
         let ProjectedTask { domain, problem, .. } = &self.partner.projected;
         let told = self.partner.projector().element(fact)?;
+        // Others may have declared what a public fact names. What a private fact names, only this agent
+        // can have declared.
+        let is_private = self.partner.symbols.concern(fact);
         let is_declared = |term: &Term| {
             let name = term.name();
-            !self.partner.names.is_opaque(name)
-                || problem.objects.iter().any(|declared| declared.object.name == *name)
+            let is_own = is_private || self.partner.names.is_opaque(name);
+            !is_own || problem.objects.iter().any(|declared| declared.object.name == *name)
         };
         let is_told = match &told {
             InitElement::Atom(atom) | InitElement::Not(atom) | InitElement::Unknown(atom) => {
@@ -143,32 +153,36 @@ impl ConfidentialModel {
         is_sharper
     }
 
-    /// Announces at least as much as `former`, a former model of the same agent, did.
-    pub fn keep_like(&mut self, former: &ConfidentialModel) {
-        self.partner.keep(former.partner.kept.clone());
-        self.announced = announced(&self.own, &self.partner);
-    }
-
     /// Returns the agent's own task in the known world: its own actions, everything public, and its own
-    /// private facts.
+    /// private facts. What others call like something private of this agent is left out.
     fn task_in(&self, known: &KnownWorld<'_>) -> AgentFiles {
         let Partner { task, symbols, names, .. } = &self.partner;
         let is_private = |name: &Name| {
             symbols.is_private_predicate(name)
                 || symbols.is_private_function(name)
+                || symbols.is_private_object(name)
                 || names.is_opaque(name)
         };
         let mut domain = known.domain.clone();
         domain.predicates.retain(|it| !is_private(&it.name));
         domain.functions.retain(|it| !is_private(&it.name));
+        domain.constants.retain(|it| !is_private(&it.name));
+        domain.derived.retain(|axiom| {
+            !is_private(&axiom.predicate) && !predicates_of(&axiom.condition).any(is_private)
+        });
+        domain.durative_actions.clear();
+        domain.actions = task
+            .domain
+            .actions
+            .iter()
+            .map(|it| known.knowledge.action(&self.with_own(it)))
+            .collect();
         let predicates = task.domain.predicates.iter().filter(|it| is_private(&it.name));
         domain.predicates.extend(predicates.cloned());
         let functions = task.domain.functions.iter().filter(|it| is_private(&it.name));
         domain.functions.extend(functions.cloned());
-        domain.durative_actions.clear();
-        domain.actions = task.domain.actions.iter().map(|it| self.with_own_agent(it)).collect();
         let mut objects = Vec::clone(&known.problem.objects);
-        objects.retain(|it| !names.is_opaque(&it.object.name));
+        objects.retain(|it| !is_private(&it.object.name));
         let is_new = |declared: &&ObjectDeclaration| {
             let name = &declared.object.name;
             !objects.iter().any(|it| it.object.name == *name)
@@ -176,14 +190,21 @@ impl ConfidentialModel {
         };
         let further: Vec<_> = task.problem.objects.iter().filter(is_new).cloned().collect();
         objects.extend(further);
-        let is_public = |element: &&InitElement| {
-            let used = names_of(element);
-            !used.into_iter().any(|name| is_private(name) || symbols.is_private_object(name))
-        };
+        let is_public = |element: &&InitElement| !names_of(element).into_iter().any(is_private);
         let mut init: Vec<_> = known.problem.init.iter().filter(is_public).cloned().collect();
-        let own = self.own.init.iter().chain(known.own_facts);
-        let own = own.filter(|it| matches!(it, InitElement::Atom(_) | InitElement::Assign(..)));
-        init.extend(own.filter(|it| symbols.concern(it)).cloned());
+        let is_object = |name: &&Name| {
+            objects.iter().any(|it| it.object.name == **name)
+                || domain.constants.iter().any(|it| it.name == **name)
+        };
+        let own = self.private_state(known.own_facts).into_iter();
+        let own: Vec<_> = own.filter(|it| names_of(it)[1..].iter().all(is_object)).collect();
+        let unknown = self.unknown_facts(&domain, &own);
+        unknown.compile(&mut domain);
+        init.extend(own.iter().filter_map(|element| match element {
+            InitElement::Unknown(fact) => unknown.unknown(fact).map(InitElement::Atom),
+            InitElement::Atom(_) | InitElement::Assign(..) => Some(element.clone()),
+            InitElement::Not(_) | InitElement::At(..) => None,
+        }));
         let problem = Problem {
             objects: Arc::new(objects),
             init,
@@ -193,17 +214,78 @@ impl ConfidentialModel {
         AgentFiles { agent: task.agent.clone(), domain, problem }
     }
 
-    /// Returns an action in which no other agent can act.
-    fn with_own_agent(&self, action: &ActionSchema) -> ActionSchema {
-        let Some(agent) = &action.agent else { return action.clone() };
-        let own = Condition::Equal(
-            Term::Variable(agent.name.clone()),
-            Term::Object(self.own.agent.clone()),
-            Span::default(),
-        );
-        let precondition = Condition::And(vec![own, action.precondition.clone()]);
-        ActionSchema { precondition, ..action.clone() }
+    /// Returns what the agent knows of its private state: its facts, and those of its model that no
+    /// action changes and no fact is about.
+    fn private_state(&self, own_facts: &[InitElement]) -> Vec<InitElement> {
+        let symbols = &self.partner.symbols;
+        let changed: BTreeSet<&Name> =
+            self.own.actions.iter().flat_map(|action| changed_names(&action.effect)).collect();
+        let told: BTreeSet<String> = own_facts.iter().map(subject).collect();
+        let lasting = self.own.init.iter().filter(|element| {
+            let is_changed = names_of(element).first().is_some_and(|name| changed.contains(name));
+            !is_changed && !told.contains(&subject(element))
+        });
+        let all = lasting.chain(own_facts);
+        all.filter(|element| symbols.concern(element)).cloned().collect()
     }
+
+    /// Returns the knowledge of the private predicates that have unknown facts.
+    fn unknown_facts(&self, domain: &Domain, own: &[InitElement]) -> Knowledge {
+        let unknown = own.iter().filter_map(|element| match element {
+            InitElement::Unknown(fact) => Some(fact.predicate.clone()),
+            _ => None,
+        });
+        let unknown: BTreeSet<Name> = unknown.collect();
+        let mut knowledge = Knowledge::of(domain, &unknown);
+        // Everything else is that of the known world.
+        knowledge.symbols.retain(|name, _| unknown.contains(name));
+        knowledge
+    }
+
+    /// Returns an action in which no other agent can act, and in which things of others do not take
+    /// the place of private ones.
+    fn with_own(&self, action: &ActionSchema) -> ActionSchema {
+        let is = |variable: &Typed, object: Name| {
+            let variable = Term::Variable(variable.name.clone());
+            Condition::Equal(variable, Term::Object(object), Span::default())
+        };
+        let own = action.agent.iter().map(|agent| is(agent, self.own.agent.clone()));
+        let mut conditions: Vec<Condition> = own.collect();
+        for parameter in &action.parameters {
+            let choices = self.partner.symbols.private_choices(&parameter.ty);
+            match choices.unwrap_or_default().as_slice() {
+                [] => (),
+                [one] => conditions.push(is(parameter, one.clone())),
+                several => conditions.push(Condition::Or(
+                    several.iter().map(|object| is(parameter, object.clone())).collect(),
+                )),
+            }
+        }
+        conditions.push(action.precondition.clone());
+        ActionSchema { precondition: Condition::And(conditions), ..action.clone() }
+    }
+}
+
+/// Returns the predicates in a condition.
+fn predicates_of(condition: &Condition) -> impl Iterator<Item = &Name> {
+    condition.parts().filter_map(|part| match part {
+        Condition::Atom(atom) => Some(&atom.predicate),
+        _ => None,
+    })
+}
+
+/// Returns the predicates and functions that an effect changes.
+fn changed_names(effect: &Effect) -> impl Iterator<Item = &Name> {
+    effect.parts().filter_map(|part| match part {
+        Effect::Add(atom) | Effect::Delete(atom) => Some(&atom.predicate),
+        Effect::Assign(assign) => Some(&assign.fluent.function),
+        Effect::And(_) | Effect::Forall(..) | Effect::When(..) => None,
+    })
+}
+
+/// Returns what an element of a state is about, without its value.
+fn subject(element: &InitElement) -> String {
+    names_of(element).into_iter().map(|name| format!("{name} ")).collect()
 }
 
 /// Returns the names of the symbol and of the objects in an element of a state.
@@ -220,7 +302,17 @@ fn names_of(element: &InitElement) -> Vec<&Name> {
 
 /// Returns the task of an agent with an action model and the shared ontology and map.
 fn task_of(model: &ActionModel, ontology: &Domain, map: &Problem) -> AgentFiles {
+    // What is private in the ontology and in the map is private to the ecosystem.
+    let public = Privacy::Public;
+    let predicates = ontology.predicates.iter();
+    let functions = ontology.functions.iter();
     let mut domain = Domain {
+        predicates: predicates
+            .map(|it| PredicateDeclaration { privacy: public.clone(), ..it.clone() })
+            .collect(),
+        functions: functions
+            .map(|it| FunctionDeclaration { privacy: public.clone(), ..it.clone() })
+            .collect(),
         derived: Vec::new(),
         actions: model.actions.clone(),
         durative_actions: Vec::new(),
@@ -228,26 +320,18 @@ fn task_of(model: &ActionModel, ontology: &Domain, map: &Problem) -> AgentFiles 
     };
     let known: BTreeSet<&Name> = ontology.types.iter().map(|it| &it.name).collect();
     domain.types.extend(model.types.iter().filter(|it| !known.contains(&it.name)).cloned());
-    // What one of the two declares private is private.
-    for declared in &model.predicates {
-        match domain.predicates.iter_mut().find(|it| it.name == declared.name) {
-            Some(known) if known.privacy == Privacy::Public => *known = declared.clone(),
-            Some(_) => (),
-            None => domain.predicates.push(declared.clone()),
-        }
-    }
-    for declared in &model.functions {
-        match domain.functions.iter_mut().find(|it| it.name == declared.name) {
-            Some(known) if known.privacy == Privacy::Public => *known = declared.clone(),
-            Some(_) => (),
-            None => domain.functions.push(declared.clone()),
-        }
-    }
+    let own: BTreeSet<&Name> = model.predicates.iter().map(|it| &it.name).collect();
+    domain.predicates.retain(|it| !own.contains(&it.name));
+    domain.predicates.extend(model.predicates.iter().cloned());
+    let own: BTreeSet<&Name> = model.functions.iter().map(|it| &it.name).collect();
+    domain.functions.retain(|it| !own.contains(&it.name));
+    domain.functions.extend(model.functions.iter().cloned());
     let own: BTreeSet<&Name> = model.objects.iter().map(|it| &it.object.name).collect();
     let of_map = map.objects.iter().filter(|it| !own.contains(&it.object.name));
+    let of_map = of_map.map(|it| ObjectDeclaration { privacy: public.clone(), ..it.clone() });
     domain.constants.retain(|it| !own.contains(&it.name));
     let problem = Problem {
-        objects: Arc::new(of_map.chain(&model.objects).cloned().collect()),
+        objects: Arc::new(of_map.chain(model.objects.iter().cloned()).collect()),
         init: model.init.clone(),
         ..Problem::named(map.name.clone(), domain.name.clone())
     };

@@ -32,6 +32,8 @@ pub struct FilledPart {
     /// skeleton, the private steps just before it, the step itself, and those just after it, before
     /// others change something; last, the private steps after everything else.
     pub steps: Vec<Vec<PlanStep>>,
+    /// For each of the agent's steps in the skeleton, its position in its group.
+    pub positions: Vec<usize>,
     /// The cost of all these steps.
     pub cost: f64,
 }
@@ -254,6 +256,7 @@ impl<'t> FillTask<'t> {
     /// Splits a plan at the agent's steps of the skeleton.
     fn filled(&self, plan: &Plan) -> Result<FilledPart, FillRefusal> {
         let mut steps: Vec<Vec<PlanStep>> = vec![Vec::new()];
+        let mut positions = Vec::new();
         // Private steps that others have not changed anything after.
         let mut current = Vec::new();
         let add = |steps: &mut Vec<Vec<PlanStep>>, more: &mut Vec<PlanStep>| {
@@ -267,6 +270,7 @@ impl<'t> FillTask<'t> {
             match element.and_then(|place| self.elements.get(place)) {
                 Some(FillElement::Own { schema, .. }) => {
                     let action = self.task.domain.actions[*schema].name.clone();
+                    positions.push(current.len());
                     current.push(PlanStep::new(action, step.arguments.iter().cloned()));
                     steps.push(std::mem::take(&mut current));
                 }
@@ -279,7 +283,7 @@ impl<'t> FillTask<'t> {
             Some(_) => plan.cost.map_or(0.0, |cost| cost.0),
             None => steps.iter().map(Vec::len).sum::<usize>() as f64,
         };
-        Ok(FilledPart { steps, cost })
+        Ok(FilledPart { steps, positions, cost })
     }
 }
 

@@ -50,17 +50,20 @@ pub(crate) struct OpaqueNames {
     functions: BTreeMap<Name, Name>,
     /// In the order of the declarations.
     predicates: Vec<(PrivateSymbol, Name)>,
+    actions: BTreeMap<Name, Name>,
     variables: BTreeMap<Name, Name>,
 }
 
 // === impl OpaqueNames ===
 
 impl OpaqueNames {
+    /// Returns the opaque names of a task. What has a name in `former`, names of the same agent, keeps
+    /// it.
     pub(crate) fn new(
         task: &AgentFiles,
         symbols: &PrivateSymbols,
         predicates: &BTreeSet<PrivateSymbol>,
-        naming: ActionNaming,
+        (naming, former): (ActionNaming, Option<&OpaqueNames>),
     ) -> OpaqueNames {
         let AgentFiles { agent, domain, problem } = task;
         let place = |name: &Name| domain.predicates.iter().position(|it| it.name == *name);
@@ -88,9 +91,18 @@ impl OpaqueNames {
         OpaqueNames {
             agent: agent.clone(),
             naming,
-            objects: numbered(agent, "o", objects).collect(),
-            functions: numbered(agent, "f", functions).collect(),
-            predicates: numbered(agent, "p", in_order.into_iter()).collect(),
+            objects: numbered((agent, "o"), objects, known(former.map(|it| &it.objects))),
+            functions: numbered((agent, "f"), functions, known(former.map(|it| &it.functions))),
+            predicates: numbered(
+                (agent, "p"),
+                in_order.into_iter(),
+                former.map(|it| it.predicates.clone()).unwrap_or_default(),
+            ),
+            actions: numbered(
+                (agent, "a"),
+                domain.actions.iter().map(|action| action.name.clone()),
+                known(former.map(|it| &it.actions)),
+            ),
             variables: numbers,
         }
     }
@@ -124,12 +136,12 @@ impl OpaqueNames {
 
     /// Returns the name of an action in the projection. It is opaque for an action that changes
     /// nothing public.
-    pub(crate) fn action(&self, number: usize, name: &Name, is_public: bool) -> Name {
+    pub(crate) fn action(&self, name: &Name, is_public: bool) -> Name {
         let agent = &self.agent;
         match (is_public, self.naming) {
             (true, ActionNaming::OfMember) => Name::new(&format!("{agent}{OWN}do-{name}")),
             (true, ActionNaming::OfModel) => name.clone(),
-            (false, _) => Name::new(&format!("{agent}{OWN}a{number}")),
+            (false, _) => self.actions.get(name).unwrap_or(name).clone(),
         }
     }
 
@@ -145,12 +157,28 @@ impl OpaqueNames {
     }
 }
 
-fn numbered<T>(
-    agent: &str,
-    kind: &str,
-    names: impl Iterator<Item = T>,
-) -> impl Iterator<Item = (T, Name)> {
+/// Returns each thing with its opaque name: that of `former`, or the next number.
+fn numbered<T: PartialEq, C: FromIterator<(T, Name)>>(
+    (agent, kind): (&str, &str),
+    things: impl Iterator<Item = T>,
+    mut former: Vec<(T, Name)>,
+) -> C {
+    for thing in things {
+        if !former.iter().any(|(known, _)| *known == thing) {
+            let name = Name::new(&format!("{agent}{OWN}{kind}{}", former.len()));
+            former.push((thing, name));
+        }
+    }
+    former.into_iter().collect()
+}
+
+/// Returns names in the order of their numbers.
+fn known(names: Option<&BTreeMap<Name, Name>>) -> Vec<(Name, Name)> {
+    let mut names: Vec<(Name, Name)> =
+        names.into_iter().flatten().map(|(own, name)| (own.clone(), name.clone())).collect();
+    // Of names that differ in their numbers only, the shorter one has the smaller number.
+    names.sort_by(|(_, left), (_, right)| {
+        (left.as_str().len(), left.as_str()).cmp(&(right.as_str().len(), right.as_str()))
+    });
     names
-        .enumerate()
-        .map(move |(number, own)| (own, Name::new(&format!("{agent}{OWN}{kind}{number}"))))
 }

@@ -22,7 +22,7 @@ pub struct Partner {
     /// All private symbols of the task.
     all: BTreeSet<PrivateSymbol>,
     /// The private symbols that the projection keeps.
-    pub(crate) kept: BTreeSet<PrivateSymbol>,
+    kept: BTreeSet<PrivateSymbol>,
     pub(crate) projected: ProjectedTask,
 }
 
@@ -35,10 +35,16 @@ impl Partner {
     ///
     /// Returns the reason, as text for a person, if the task uses something that is not supported.
     pub fn new(task: AgentFiles) -> Result<Partner, String> {
-        Partner::with_naming(known_part(task)?, ActionNaming::OfMember)
+        Partner::with_naming(known_part(task)?, ActionNaming::OfMember, None)
     }
 
-    pub(crate) fn with_naming(task: AgentFiles, naming: ActionNaming) -> Result<Partner, String> {
+    /// Creates a partner. What has a name or is announced in `former`, a former partner of the same
+    /// agent, keeps that.
+    pub(crate) fn with_naming(
+        task: AgentFiles,
+        naming: ActionNaming,
+        former: Option<&Partner>,
+    ) -> Result<Partner, String> {
         let symbols = PrivateSymbols::of(&task);
         refuse_unsupported(&task, &symbols)?;
         let mut all = symbols.wanted(&task.problem);
@@ -47,8 +53,10 @@ impl Partner {
             all.extend(symbols.changed_by(action).0);
             all.extend(symbols.conditions_of_effects(action));
         }
-        let names = OpaqueNames::new(&task, &symbols, &all, naming);
-        let kept = dependencies(&task, &symbols);
+        let known = former.map(|it| &it.names);
+        let names = OpaqueNames::new(&task, &symbols, &all, (naming, known));
+        let mut kept = dependencies(&task, &symbols);
+        kept.extend(former.into_iter().flat_map(|it| it.kept.iter().cloned()));
         let projector = Projector { task: &task, symbols: &symbols, names: &names, kept: &kept };
         let projected = projector.project();
         Ok(Partner { task, symbols, names, all, kept, projected })
@@ -104,14 +112,9 @@ impl Partner {
         if more.is_empty() {
             return false;
         }
-        self.keep(more);
-        true
-    }
-
-    /// Keeps these private symbols, too, as far as the task uses them.
-    pub(crate) fn keep(&mut self, more: BTreeSet<PrivateSymbol>) {
-        self.kept.extend(more.into_iter().filter(|symbol| self.all.contains(symbol)));
+        self.kept.extend(more);
         self.projected = self.projector().project();
+        true
     }
 
     /// Returns the private symbols that the projection drops and on which some symbols depend most

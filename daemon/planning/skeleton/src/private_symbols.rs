@@ -165,6 +165,16 @@ impl PrivateSymbols {
         (!positions.is_empty()).then_some(PrivateSymbol { predicate, positions })
     }
 
+    /// Returns the private objects that a variable of this type can stand for; `None` if it can stand
+    /// for public ones, or for none that is private.
+    pub(crate) fn private_choices(&self, ty: &TypeExpr) -> Option<Vec<Name>> {
+        let fitting: Vec<&Typed> =
+            self.objects.values().filter(|object| self.accepts(ty, object)).collect();
+        let are_private = fitting.iter().all(|object| self.is_private_object(&object.name));
+        let names = || fitting.iter().map(|object| object.name.clone()).collect();
+        (are_private && !fitting.is_empty()).then(names)
+    }
+
     fn privacy_of(&self, argument: &Term, scope: &Scope) -> TypePrivacy {
         let all_or_none = |is_private: bool| match is_private {
             true => TypePrivacy::Private,

@@ -188,7 +188,7 @@ impl Projector<'_> {
         let (_, is_public) = self.symbols.changed_by(action);
         let mut kept = parameters.iter().map(|place| all[*place].clone());
         let projected = ActionSchema {
-            name: self.names.action(index, &action.name, is_public),
+            name: self.names.action(&action.name, is_public),
             agent: kept.by_ref().take(agents).next(),
             parameters: kept.collect(),
             precondition,

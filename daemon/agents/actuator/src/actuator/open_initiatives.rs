@@ -96,7 +96,7 @@ impl Actuator {
             let initiatives = stir(&mut *actuator.device);
             // The heartbeat comes first: an agent that receives the goal may query the state at
             // once.
-            actuator.send_heartbeat(ctx);
+            actuator.send_news(ctx);
             actuator.carry_out(initiatives, ctx);
             match actuator.initiatives.event_pacing.pause_after_event(ctx.now()) {
                 Duration::ZERO => actuator.watch_events(ctx),
@@ -143,7 +143,7 @@ impl Actuator {
             return;
         }
         let initiatives = self.device.receive_news(name, news);
-        self.send_heartbeat(ctx);
+        self.send_news(ctx);
         self.carry_out(initiatives, ctx);
     }
 

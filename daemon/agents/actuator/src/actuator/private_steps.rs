@@ -1,9 +1,11 @@
 //! How an actuator with private parts (`privacy = "agents"`) does what it is asked for: others ask for
 //! actions that it has announced, and it plans and carries out its private steps between them.
 //!
-//! - The private steps of an action are planned when the action is requested, from the state of the
-//!   device at that moment. If the agent is committed to a part of a joint plan, they are planned for
-//!   the rest of the part.
+//! - The private steps of an action are planned when the action is requested, and again after each of
+//!   them until the action itself is done, from the state of the device and of the world at that
+//!   moment. If the agent is committed to a part of a joint plan, they are planned for the rest of the
+//!   part.
+//! - People who have to allow the action are asked before its first private step.
 //! - A proposal or an agreement is given only if there are private steps for it now. If it is proved
 //!   that there are none, the agent announces more of its model, so that the next plan is better.
 //! - Requesters are told whether an action is done, not how; the daemon's own log has the rest.
@@ -19,11 +21,11 @@ use acl::content::{
 use agent::{Context, Participation};
 use capability::DomainSnapshot;
 use pddl::{InitElement, PlanStep};
-use planner::{Cancel, Replanner};
+use planner::{Cancel, Replanner, World};
 use skeleton::{ConfidentialModel, FillRefusal, FilledPart, KnownWorld};
 
 use super::{Actuator, RunningCommand};
-use crate::agreeing::{DeclinedPart, agree};
+use crate::agreeing::{CHECK_STEPS_MAX, DeclinedPart, agree};
 use crate::bidding::{bid, bounded};
 use crate::device::{Description, MethodCall, MethodFailure, MethodResult, OwnFact};
 
@@ -31,13 +33,61 @@ use crate::device::{Description, MethodCall, MethodFailure, MethodResult, OwnFac
 /// requester waits for the whole action much longer.
 const PLANNED_WITHIN: Duration = Duration::from_secs(5);
 
+/// Maximum number of calls of the device for one requested action. The longest plans of one agent have
+/// some hundred steps; more calls mean that the steps do not bring the action nearer.
+const CALLS_MAX: u32 = 500;
+
+/// How long an action waits for the news of what another agent has done for it. A requester asks for the
+/// next step of a plan at the moment at which the former one is confirmed; the heartbeat with its effect
+/// may take another way, of some milliseconds on a network of a building.
+const KNOWN_WITHIN: Duration = Duration::from_millis(250);
+
+/// How far a requested action with private steps is.
+#[derive(Default)]
+pub(super) struct PrivateProgress {
+    /// Number of the planned calls up to the action itself; 0 when that is done.
+    calls_to_action: usize,
+    /// Number of calls that have begun.
+    begun: u32,
+    /// Whether the action has waited for news of other agents.
+    has_waited: bool,
+    /// The search for private steps that is running, if any.
+    planning: Option<CancelledOnDrop>,
+}
+
+/// Cancels a computation when it is dropped.
+struct CancelledOnDrop(Cancel);
+
+impl Drop for CancelledOnDrop {
+    fn drop(&mut self) {
+        self.0.set();
+    }
+}
+
+/// A refusal of private steps, with the model for which it is proved.
+pub(super) type ProvedFor = (FillRefusal, Arc<ConfidentialModel>);
+
+/// A reason why a requested action is not begun or not continued.
+enum NoSteps {
+    /// The action itself is not possible in the state that is known to all.
+    NotNow(String),
+    Refused(ProvedFor),
+}
+
+/// The private steps up to an action and after it.
+struct PrivateSteps {
+    steps: Vec<PlanStep>,
+    /// Position of the action itself.
+    position: usize,
+}
+
 /// A call for proposals that an actuator declines.
 pub(super) struct DeclinedCall {
     /// The reason, as text for a person. It names nothing private.
     pub(super) why: String,
     pub(super) reason: Reason,
     /// The refusal of a part or a proposal that there are no private steps for.
-    pub(super) refusal: Option<FillRefusal>,
+    pub(super) refusal: Option<ProvedFor>,
 }
 
 /// The private model of a device, and its state at one moment.
@@ -63,9 +113,9 @@ impl From<DeclinedPart> for DeclinedCall {
     }
 }
 
-impl From<FillRefusal> for DeclinedCall {
-    fn from(refusal: FillRefusal) -> DeclinedCall {
-        let (why, reason) = (refusal.why.clone(), Reason::Incapable);
+impl From<ProvedFor> for DeclinedCall {
+    fn from(refusal: ProvedFor) -> DeclinedCall {
+        let (why, reason) = (refusal.0.why.clone(), Reason::Incapable);
         DeclinedCall { why, reason, refusal: Some(refusal) }
     }
 }
@@ -105,11 +155,10 @@ pub(super) fn answer(
 pub(super) fn public_detail(action: &str, outcome: &Result<MethodResult, MethodFailure>) -> String {
     match outcome {
         Ok(_) => format!("has done `{action}`"),
-        Err(
-            failure @ (MethodFailure::Forbidden(_)
-            | MethodFailure::Unanswered(_)
-            | MethodFailure::TimedOut(_)),
-        ) => format!("failed to {failure}"),
+        Err(failure @ (MethodFailure::Forbidden(_) | MethodFailure::Unanswered(_))) => {
+            format!("failed to {failure}")
+        }
+        Err(MethodFailure::TimedOut(_)) => format!("failed to finish `{action}` in time"),
         Err(_) => {
             format!("failed to do `{action}`; the reason is private, and in the log of its daemon")
         }
@@ -124,10 +173,11 @@ impl PrivatePart {
         part: &[PartStep],
         local: &DomainSnapshot,
         cancel: &Cancel,
-    ) -> Result<FilledPart, FillRefusal> {
-        let (domain, problem) = (&local.domain, &local.problem);
-        let known = KnownWorld { domain, problem, own_facts: &self.facts };
-        self.model.fill(part, &known, &bounded(), cancel)
+    ) -> Result<FilledPart, ProvedFor> {
+        let (domain, problem, knowledge) = (&local.domain, &local.problem, local.knowledge());
+        let known = KnownWorld { domain, problem, knowledge, own_facts: &self.facts };
+        let filled = self.model.fill(part, &known, &bounded(), cancel);
+        filled.map_err(|refusal| (refusal, Arc::clone(&self.model)))
     }
 
     /// Returns the agreement to a part if there are private steps for it. Its cost is that of all
@@ -174,19 +224,60 @@ impl PrivatePart {
         }
     }
 
-    /// Returns the private steps of the first step of `part`, and that step. If there are none for the
+    /// Returns the private steps for the first step of `part`, and that step. If there are none for the
     /// whole part, because the state is not as it was when the agent agreed, then for the step alone.
-    fn first_group(
+    fn first_steps(
         &self,
         part: &[PartStep],
         local: &DomainSnapshot,
         cancel: &Cancel,
-    ) -> Result<Vec<PlanStep>, FillRefusal> {
+    ) -> Result<PrivateSteps, NoSteps> {
+        let is_own = |element: &PartStep| matches!(element, PartStep::Own(_));
+        let first = part.iter().position(is_own).map_or(0, |position| position + 1);
+        let action = &part[..first];
+        possible(action, local, cancel).map_err(NoSteps::NotNow)?;
         let filled = match self.fill(part, local, cancel) {
-            Err(_) if part.len() > 1 => self.fill(&part[..1], local, cancel)?,
-            filled => filled?,
+            Err(_) if part.len() > first => self.fill(action, local, cancel),
+            filled => filled,
         };
-        Ok(filled.steps.into_iter().take(2).flatten().collect())
+        let FilledPart { steps, positions, .. } = filled.map_err(NoSteps::Refused)?;
+        let before = steps.first().map_or(0, Vec::len);
+        let position = before + positions.first().copied().unwrap_or_default();
+        Ok(PrivateSteps { steps: steps.into_iter().take(2).flatten().collect(), position })
+    }
+}
+
+/// Checks that an announced action, the end of `action`, is possible in the state that is known to all,
+/// after what others have changed for it.
+///
+/// # Errors
+///
+/// Returns the reason, as text for a person.
+fn possible(action: &[PartStep], local: &DomainSnapshot, cancel: &Cancel) -> Result<(), String> {
+    let unreadable = || "the action or the state cannot be read".to_owned();
+    let world = World::initial(&local.domain, &local.problem).map_err(|_| unreadable())?;
+    let mut world = world.limit_work(CHECK_STEPS_MAX, Some(cancel));
+    for element in action {
+        match element {
+            PartStep::Own(step) => {
+                let parsed = pddl::parse_step(step).into_result().map_err(|_| unreadable())?;
+                let applied = world.apply(&local.inside(&parsed));
+                applied.map_err(|fault| format!("it cannot do `{step}`: {fault}"))?;
+            }
+            PartStep::Others(changes) => {
+                let changes = pddl::parse_init_elements(changes).into_result();
+                world.take_changes(&changes.map_err(|_| unreadable())?);
+            }
+        }
+    }
+    Ok(())
+}
+
+impl RunningCommand {
+    /// Whether the device has to do more for the action after the call that has ended.
+    pub(super) fn has_further_steps(&self) -> bool {
+        let is_on_the_way = self.private.as_ref().is_some_and(|it| it.calls_to_action > 1);
+        is_on_the_way || !self.further_calls.is_empty()
     }
 }
 
@@ -241,17 +332,41 @@ impl Actuator {
         }
     }
 
-    pub(super) fn announced_observations(&self, observed: Vec<InitElement>) -> Vec<InitElement> {
+    /// Returns the observations that the actuator reports. `hides` says whether the action has begun as
+    /// one with private steps.
+    pub(super) fn announced_observations(
+        &self,
+        observed: Vec<InitElement>,
+        hides: bool,
+    ) -> Vec<InitElement> {
         match &self.confidentiality {
+            // The model has changed meanwhile: what was private is not known any more.
+            Some(confidentiality) if hides && !confidentiality.hides_something() => Vec::new(),
             Some(confidentiality) => confidentiality.announced_observations(observed),
             None => observed,
         }
     }
 
-    /// Announces more of the model if the refusal is proved. Returns whether it does.
-    pub(super) fn announce_more(&mut self, refusal: &FillRefusal, ctx: &mut Context<Self>) -> bool {
+    /// Sends a heartbeat after a change of the device. If this agent keeps something from others, and
+    /// they are told nothing new, it sends none: the mere heartbeat would tell them of the change.
+    pub(super) fn send_news(&mut self, ctx: &mut Context<Self>) {
         let confidentiality = self.confidentiality.as_ref();
-        let is_sharper = confidentiality.is_some_and(|it| it.sharpen(refusal));
+        let hides = confidentiality.is_some_and(|it| it.hides_something());
+        if !hides || self.announced_facts() != self.announced.told_facts {
+            self.send_heartbeat(ctx);
+        } else {
+            self.announce_changed_model(ctx);
+        }
+    }
+
+    /// Announces more of the model if the refusal is proved. Returns whether it does.
+    pub(super) fn announce_more(
+        &mut self,
+        (refusal, model): &ProvedFor,
+        ctx: &mut Context<Self>,
+    ) -> bool {
+        let confidentiality = self.confidentiality.as_ref();
+        let is_sharper = confidentiality.is_some_and(|it| it.sharpen(refusal, model));
         if is_sharper {
             tracing::info!(agent = %ctx.id(), why = refusal.why, "announces more of its model");
             self.send_heartbeat(ctx);
@@ -259,7 +374,8 @@ impl Actuator {
         is_sharper
     }
 
-    /// Agrees to carry out an announced action, and begins to plan its private steps.
+    /// Agrees to carry out an announced action, and begins to plan its private steps when people have
+    /// allowed it, if they have to.
     pub(super) fn begin_with_private_steps(
         &mut self,
         participation: &Participation,
@@ -268,7 +384,12 @@ impl Actuator {
         ctx: &mut Context<Self>,
     ) {
         let recorded = self.agree_to_act(participation, &token, ctx);
-        let work = ctx.run(recorded, |actuator: &mut Self, recorded, ctx| match recorded {
+        let consent = self.ask_leave(&action, ctx);
+        let ready = async move {
+            recorded.await?;
+            consent.await
+        };
+        let work = ctx.run(ready, |actuator: &mut Self, ready, ctx| match ready {
             Ok(()) => actuator.plan_private_steps(ctx),
             Err(failure) => actuator.command_ended(Err(failure), ctx),
         });
@@ -278,6 +399,7 @@ impl Actuator {
             subscribers: vec![participation.clone()],
             call: None,
             further_calls: VecDeque::new(),
+            private: Some(PrivateProgress::default()),
             _work: work,
         });
     }
@@ -290,13 +412,12 @@ impl Actuator {
         let Some(running) = &self.running_command else { return };
         let conversation = &running.token.conversation;
         let held = self.commitment.as_ref().filter(|held| held.is_for(conversation));
-        let mut part =
-            held.map(|held| held.part_from(&running.action).to_vec()).unwrap_or_default();
+        let mut part = held.map(|held| held.part_from(&running.action)).unwrap_or_default();
         if part.is_empty() {
             part.push(PartStep::Own(running.action.clone()));
         }
         let cancel = Cancel::new();
-        let deadline = cancel.clone();
+        let (deadline, dropped) = (cancel.clone(), CancelledOnDrop(cancel.clone()));
         ctx.after(PLANNED_WITHIN, move |_: &mut Self, _| deadline.set());
         let (local, cache) = (self.local_domain(ctx), Arc::clone(&self.bid_cache));
         let work = ctx.compute(
@@ -304,62 +425,131 @@ impl Actuator {
                 let mut kept = cache.try_lock().ok();
                 let mut afresh = Default::default();
                 let composition = kept.as_mut().map_or(&mut afresh, |kept| &mut kept.composition);
-                private.first_group(&part, &local(composition), &cancel)
+                private.first_steps(&part, &local(composition), &cancel)
             },
             |actuator: &mut Self, planned, ctx| actuator.private_steps_planned(planned, ctx),
         );
         if let Some(running) = &mut self.running_command {
             running._work = work;
+            running.private.get_or_insert_default().planning = Some(dropped);
         }
     }
 
     fn private_steps_planned(
         &mut self,
-        planned: Result<Vec<PlanStep>, FillRefusal>,
+        planned: Result<PrivateSteps, NoSteps>,
         ctx: &mut Context<Self>,
     ) {
-        let steps = match planned {
+        let PrivateSteps { steps, position } = match planned {
             Ok(steps) => steps,
-            Err(refusal) => {
-                self.announce_more(&refusal, ctx);
-                let detail = refusal.private_detail.as_deref().unwrap_or_default();
-                tracing::warn!(agent = %ctx.id(), why = refusal.why, detail, "no private steps");
-                let Some(running) = self.running_command.take() else { return };
-                let RunningCommand { token, action, subscribers, .. } = running;
-                // The state is not as the plan assumed, or the announced model was not sharp enough.
-                let mut report = Report::new(Outcome::Failed, refusal.why);
-                (report.declined, report.action) = (Some(Reason::Conflict), Some(action));
-                return self.conclude(token, subscribers, report, ctx);
+            Err(NoSteps::NotNow(why)) => return self.not_now(why, ctx),
+            Err(NoSteps::Refused(refusal)) => {
+                // With a sharper model the next plan is another one. Otherwise the action has failed.
+                let is_sharper = self.announce_more(&refusal, ctx);
+                let FillRefusal { why, private_detail, .. } = refusal.0;
+                let detail = private_detail.unwrap_or_default();
+                tracing::warn!(agent = %ctx.id(), why, detail, "no private steps");
+                return self.private_end(why, is_sharper.then_some(Reason::Conflict), ctx);
             }
         };
         let described = self.device.describe();
-        let calls: Result<_, String> = steps.iter().map(|step| call_of(step, &described)).collect();
-        match (calls, &mut self.running_command) {
-            (Ok(calls), Some(running)) => {
-                running.further_calls = calls;
-                self.next_call(ctx);
-            }
-            (Err(why), _) => self.command_ended(Err(MethodFailure::Driver(why)), ctx),
-            (Ok(_), None) => (),
+        let calls: Result<VecDeque<_>, String> =
+            steps.iter().map(|step| call_of(step, &described)).collect();
+        let calls = match calls {
+            Ok(calls) => calls,
+            Err(why) => return self.command_ended(Err(MethodFailure::Driver(why)), ctx),
+        };
+        let mut stops =
+            calls.iter().filter_map(|(call, _)| self.stop_against(&call.action, ctx.id()));
+        if let Some(stop) = stops.next() {
+            let why = format!("a step of it is {}", super::stopping::described(&stop));
+            return self.private_end(why, Some(Reason::Stopped), ctx);
         }
+        let Some(running) = &mut self.running_command else { return };
+        running.further_calls = calls;
+        let progress = running.private.get_or_insert_default();
+        (progress.calls_to_action, progress.planning) = (position + 1, None);
+        self.next_call(ctx);
+    }
+
+    /// Handles an action that is not possible in the state that is known to all. What another agent has
+    /// done for it may be known a moment later.
+    fn not_now(&mut self, why: String, ctx: &mut Context<Self>) {
+        let Some(running) = &mut self.running_command else { return };
+        let progress = running.private.get_or_insert_default();
+        if std::mem::replace(&mut progress.has_waited, true) {
+            return self.private_end(why, Some(Reason::Conflict), ctx);
+        }
+        let wait = Box::pin(tokio::time::sleep(KNOWN_WITHIN));
+        running._work = ctx.run(wait, |actuator: &mut Self, (), ctx| {
+            actuator.plan_private_steps(ctx);
+        });
+    }
+
+    /// Ends the running action before a further call, for a reason that names nothing private.
+    fn private_end(&mut self, why: String, reason: Option<Reason>, ctx: &mut Context<Self>) {
+        let Some(running) = self.running_command.take() else { return };
+        let RunningCommand { token, action, subscribers, .. } = running;
+        let mut report = Report::new(Outcome::Failed, why);
+        (report.declined, report.action) = (reason, Some(action));
+        self.conclude(token, subscribers, report, ctx);
+    }
+
+    /// Goes on with the running action after a call that has succeeded. As long as the action itself is
+    /// not done, its private steps are planned again: the world may have changed.
+    pub(super) fn continue_action(&mut self, ctx: &mut Context<Self>) {
+        let Some(running) = &mut self.running_command else { return };
+        let progress = running.private.get_or_insert_default();
+        progress.calls_to_action = progress.calls_to_action.saturating_sub(1);
+        if progress.calls_to_action > 0 {
+            return self.plan_private_steps(ctx);
+        }
+        self.next_call(ctx);
     }
 
     /// Starts the next call of the running action.
-    pub(super) fn next_call(&mut self, ctx: &mut Context<Self>) {
-        let next = self.running_command.as_mut().and_then(|it| it.further_calls.pop_front());
-        let Some((call, timeout)) = next else { return };
-        if let Some(stop) = self.stop_against(&call.action, ctx.id()) {
-            let why = format!("go on: {}", super::stopping::described(&stop));
-            return self.command_ended(Err(MethodFailure::Driver(why)), ctx);
-        }
-        if let Some(refusal) = self.device.check_call(&call) {
-            let why = format!("do `{}`: {}", call.action, refusal.detail);
+    fn next_call(&mut self, ctx: &mut Context<Self>) {
+        let Some(running) = &mut self.running_command else { return };
+        let Some((call, timeout)) = running.further_calls.pop_front() else { return };
+        let progress = running.private.get_or_insert_default();
+        progress.begun += 1;
+        let (is_action, is_over) = (progress.calls_to_action == 1, progress.begun > CALLS_MAX);
+        if let Err(why) = self.may_call(&call, is_action, is_over) {
             return self.command_ended(Err(MethodFailure::Driver(why)), ctx);
         }
         tracing::debug!(agent = %ctx.id(), step = call.action, "a step of a private part");
         let work = self.start_call(&call, timeout, Box::pin(std::future::ready(Ok(()))), ctx);
         if let Some(running) = &mut self.running_command {
             (running.call, running._work) = (Some(call), work);
+        }
+    }
+
+    /// Checks a call of the running action. `is_action` says whether it is the action itself, which
+    /// people have allowed.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason, as text for a person that completes “failed to …”.
+    fn may_call(
+        &mut self,
+        call: &MethodCall,
+        is_action: bool,
+        is_over: bool,
+    ) -> Result<(), String> {
+        let MethodCall { action, .. } = call;
+        if is_over {
+            return Err(format!("reach it in {CALLS_MAX} steps"));
+        }
+        // People cannot be asked about a private step, which would name it.
+        if !is_action && self.is_guarded_by_people(call) {
+            return Err(format!("do `{action}`, which people have to allow"));
+        }
+        if let Some(refusal) = self.rate_objection(action) {
+            return Err(format!("do `{action}`: {}", refusal.detail));
+        }
+        match self.device.check_call(call) {
+            Some(refusal) => Err(format!("do `{action}`: {}", refusal.detail)),
+            None => Ok(()),
         }
     }
 }

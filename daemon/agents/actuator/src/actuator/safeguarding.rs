@@ -21,9 +21,9 @@ const QUESTION: &str = "may begin";
 /// Answers that allow an action, in lower case. Every other answer forbids it.
 const CONSENT: [&str; 2] = ["yes", "y"];
 
-/// Returns the name of the action that a call carries out.
-fn action_name(call: &MethodCall) -> String {
-    let step = pddl::parse_step(&call.action).into_result().ok();
+/// Returns the name of the action of a step.
+fn action_name(step: &str) -> String {
+    let step = pddl::parse_step(step).into_result().ok();
     step.map(|step| step.action.as_str().to_owned()).unwrap_or_default()
 }
 
@@ -39,8 +39,13 @@ impl Actuator {
 
     /// Returns the time limit of the method itself: `announced` without the time for asking people.
     pub(super) fn without_patience(&self, call: &MethodCall, announced: Duration) -> Duration {
-        let patience = self.safeguarded.asks_people(&action_name(call)).unwrap_or_default();
+        let patience = self.safeguarded.asks_people(&action_name(&call.action)).unwrap_or_default();
         announced.saturating_sub(patience)
+    }
+
+    /// Whether people have to allow the action that a call carries out.
+    pub(super) fn is_guarded_by_people(&self, call: &MethodCall) -> bool {
+        self.safeguarded.asks_people(&action_name(&call.action)).is_some()
     }
 
     /// Returns a refusal if an action has begun too often.
@@ -58,7 +63,7 @@ impl Actuator {
         call: &MethodCall,
         ctx: &Context<Self>,
     ) -> BoxFuture<Result<(), MethodFailure>> {
-        match self.safeguarded.begins(&action_name(call), ctx.wall_clock(), ctx.now()) {
+        match self.safeguarded.begins(&action_name(&call.action), ctx.wall_clock(), ctx.now()) {
             Some(record) => on_disk("how often it has begun", record, ctx),
             None => Box::pin(std::future::ready(Ok(()))),
         }
@@ -67,15 +72,12 @@ impl Actuator {
     /// If people have to allow an action, asks them, and returns a future that ends with their answer.
     pub(super) fn ask_leave(
         &mut self,
-        call: &MethodCall,
+        action: &str,
         ctx: &mut Context<Self>,
     ) -> BoxFuture<Result<(), MethodFailure>> {
-        let Some(patience) = self.safeguarded.asks_people(&action_name(call)) else {
+        let Some(patience) = self.safeguarded.asks_people(&action_name(action)) else {
             return Box::pin(std::future::ready(Ok(())));
         };
-        // The action as it was requested: that of the call may name what is private.
-        let running = self.running_command.as_ref();
-        let action = running.map_or(&call.action, |running| &running.action);
         let text = format!("`{}` is about to do {action}. May it? yes, no", ctx.id());
         let (answer, answered) = oneshot::channel();
         self.consent = Some(answer);

@@ -309,11 +309,12 @@ impl Actuator {
         self.running_command.as_ref().map(|running| running.action.clone())
     }
 
-    /// Returns the running action, and the step that the device carries out for it.
+    /// Returns the running action, the step that the device carries out for it, and those that follow.
     fn running_steps(&self) -> impl Iterator<Item = &str> {
         self.running_command.iter().flat_map(|running| {
-            let step = running.call.as_ref().map(|call| call.action.as_str());
-            std::iter::once(running.action.as_str()).chain(step)
+            let further = running.further_calls.iter().map(|(call, _)| call);
+            let steps = running.call.iter().chain(further).map(|call| call.action.as_str());
+            std::iter::once(running.action.as_str()).chain(steps)
         })
     }
 

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use ::building::{Building, Layout};
 use acl::AgentId;
-use agent::{BuildCheck, EcosystemFolder, Host, LaunchableAgent, Resources};
+use agent::{BuildCheck, EcosystemFolder, Host, LaunchableAgent, ModelPrivacy, Resources};
 use pddl::ActionModel;
 
 use super::{HostError, supervisor};
@@ -55,7 +55,18 @@ impl DryRun {
 /// Returns the action models of those agents of an ecosystem that have a built-in plugin and can be
 /// built. An action model is what the agent would announce when it joins.
 pub(crate) fn models(ecosystem: &Ecosystem) -> BTreeMap<AgentId, ActionModel> {
-    let stage = DryRun::of(ecosystem);
+    models_of(ecosystem, &DryRun::of(ecosystem))
+}
+
+/// Returns the models of the same agents with their private parts, also if these are kept from other
+/// agents.
+pub(crate) fn whole_models(ecosystem: &Ecosystem) -> BTreeMap<AgentId, ActionModel> {
+    let mut whole = ecosystem.clone();
+    whole.settings.privacy = ModelPrivacy::Ecosystem;
+    models_of(ecosystem, &DryRun::of(&whole))
+}
+
+fn models_of(ecosystem: &Ecosystem, stage: &DryRun) -> BTreeMap<AgentId, ActionModel> {
     let model = |entry: &AgentEntry| {
         let text = stage.build(entry).ok()?.model()?;
         let model = pddl::parse_action_model(&text).into_result().ok()?;

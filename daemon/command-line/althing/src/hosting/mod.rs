@@ -54,7 +54,7 @@ pub(crate) use building::{simulate, update_devices};
 pub(crate) use credentials::GuestKeys;
 pub(crate) use daemon_launcher::{DaemonLauncher, end_daemons, socket_endpoint};
 pub(crate) use daemon_registry::{ClosedEntrance, PresenceGuard};
-pub(crate) use dry_run::{DryRun, models};
+pub(crate) use dry_run::{DryRun, models, whole_models};
 pub(crate) use fault_injection::FaultInjector;
 pub(crate) use file_digests::{DaemonSelfReport, FileDigests, ReadText, text_digest, watch_files};
 pub(crate) use file_handles::{OPEN_FILES_NEEDED, open_files_limit, warn_of_few_file_handles};

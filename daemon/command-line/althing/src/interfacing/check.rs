@@ -118,7 +118,9 @@ impl InterfaceCheck<'_> {
             self.say("ecosystem", Diagnostic::error(Span::default(), message).with_help(help));
             return;
         }
-        let (our_models, their_models) = (hosting::models(ours), hosting::models(other));
+        // A vocabulary must not have private words, so these have to be known here.
+        let (our_models, their_models) =
+            (hosting::whole_models(ours), hosting::whole_models(other));
         self.words(other, &our_models, &their_models);
         self.map_secrets(other);
         let entry = self.entry().clone();
