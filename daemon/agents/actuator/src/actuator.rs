@@ -362,7 +362,7 @@ impl Actuator {
     fn heartbeat(&mut self, ctx: &Context<Self>) -> Heartbeat {
         self.apply_buttons(ctx);
         self.announced.sequence += 1;
-        let facts = self.announced_facts();
+        let facts = self.announced_facts(ctx);
         if self.confidentiality.is_some() {
             self.announced.told_facts.clone_from(&facts);
         }
@@ -592,7 +592,9 @@ impl Actuator {
         outcome: Result<ErasedYield, MethodFailure>,
         ctx: &mut Context<Self>,
     ) {
+        let is_done = self.is_action_done();
         let Some(mut running) = self.running_command.take() else { return };
+        let hidden = self.confidentiality.as_ref().is_some_and(|it| it.hides_something());
         let outcome = match (outcome, running.call.take()) {
             (Ok(yielded), Some(call)) => Ok(self.device.on_success(&call, yielded)),
             (Ok(_), None) => Err(MethodFailure::GivenUp),
@@ -612,26 +614,41 @@ impl Actuator {
             self.send_news(ctx);
             return self.continue_action(ctx);
         }
-        let report = self.report(outcome, &running);
+        let outcome = match outcome {
+            // Only a private step after the action has failed.
+            Err(failure) if is_done => {
+                tracing::warn!(agent = %ctx.id(), %failure, "a private step after an action has failed");
+                Ok(MethodResult::default())
+            }
+            outcome => outcome,
+        };
+        if self.confidentiality.is_some() {
+            // The call may have changed what may be told.
+            self.announce_changed_model(ctx);
+        }
+        let report = self.report(outcome, &running, hidden, ctx);
         let RunningCommand { token, subscribers: askers, .. } = running;
         self.conclude(token, askers, report, ctx);
     }
 
     /// Returns the report of an action that has ended. The log has the details that the report may not
-    /// have.
+    /// have. `hidden` says whether the device had something to hide when the last call ended.
     fn report(
         &self,
         outcome: Result<MethodResult, MethodFailure>,
         running: &RunningCommand,
+        hidden: bool,
+        ctx: &Context<Self>,
     ) -> Report {
         let RunningCommand { action, token, private, .. } = running;
         let confidentiality = self.confidentiality.as_ref();
-        let hides = private.is_some() || confidentiality.is_some_and(|it| it.hides_something());
+        let hides =
+            hidden || private.is_some() || confidentiality.is_some_and(|it| it.hides_something());
         let public_detail = hides.then(|| private_steps::public_detail(action, &outcome));
         let mut report = match outcome {
             Ok(MethodResult { detail, observations }) => {
                 let report = Report::new(Outcome::Done, detail);
-                let observations = self.announced_observations(observations, hides);
+                let observations = self.announced_observations(observations, hides, ctx);
                 Report { observations: text_of(&observations), ..report }
             }
             Err(failure) => {
@@ -791,13 +808,7 @@ impl Actuator {
         let finished = exchange.clone();
         let planner = Arc::clone(&self.bid_cache);
         let private = self.private_part();
-        if let Some(timer) = self.cache_expiry.take() {
-            ctx.cancel_timer(timer);
-        }
-        let let_go = |actuator: &mut Self, _: &mut Context<Self>| {
-            (actuator.bid_cache, actuator.cache_expiry) = (Arc::default(), None);
-        };
-        self.cache_expiry = Some(ctx.after(CACHE_TTL, let_go));
+        self.keep_bid_cache(ctx);
         let work = ctx.compute(
             move || {
                 let mut afresh = BidCache::default();
@@ -823,6 +834,17 @@ impl Actuator {
             },
         );
         self.running_bids.insert(exchange, (cancel, work));
+    }
+
+    /// Keeps what planning has left for the next time, for a while.
+    fn keep_bid_cache(&mut self, ctx: &mut Context<Self>) {
+        if let Some(timer) = self.cache_expiry.take() {
+            ctx.cancel_timer(timer);
+        }
+        let let_go = |actuator: &mut Self, _: &mut Context<Self>| {
+            (actuator.bid_cache, actuator.cache_expiry) = (Arc::default(), None);
+        };
+        self.cache_expiry = Some(ctx.after(CACHE_TTL, let_go));
     }
 
     // === answers to announcements ===

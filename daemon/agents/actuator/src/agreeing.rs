@@ -8,7 +8,7 @@ use acl::AgentId;
 use acl::content::{Bid, CallForProposals, JointPlanPart, PartStep, Proposal};
 use capability::{DomainSnapshot, problem_digest};
 use pddl::{Plan, PlanStep};
-use planner::{Cancel, World};
+use planner::{Cancel, Fault, FaultReason, World};
 
 /// Maximum number of elements of a part. The plans of the largest buildings have some hundred
 /// steps.
@@ -59,9 +59,13 @@ pub(crate) fn agree(
             PartStep::Own(text) => {
                 let step = read_own(text, agent)?;
                 let applied = world.apply(&snapshot.inside(&step));
-                let not_now =
-                    |fault| DeclinedPart::NotNow(format!("it cannot do `{step}`: {fault}"));
-                applied.map_err(not_now)?;
+                applied.map_err(|fault| {
+                    let why = format!("it cannot do `{step}`: {fault}");
+                    match is_of_state(&fault) {
+                        true => DeclinedPart::NotNow(why),
+                        false => DeclinedPart::Unusable(why),
+                    }
+                })?;
                 own.push(step);
             }
             PartStep::Others(text) => {
@@ -81,6 +85,11 @@ pub(crate) fn agree(
     let proposals = vec![Proposal { covers: call.conjuncts.clone(), plan, cost }];
     let domain_digest = problem_digest(snapshot.digest(), &snapshot.problem);
     Ok(Bid { proposals, domain_digest, agreed: Some(part.digest.clone()) })
+}
+
+/// Whether a step is not possible because of the state, and not because of the step.
+pub(crate) fn is_of_state(fault: &Fault) -> bool {
+    matches!(fault.reason, FaultReason::Precondition(_) | FaultReason::Undefined(_))
 }
 
 /// Parses a step of the actuator `agent`.

@@ -83,7 +83,12 @@ impl Commitment {
             return false;
         }
         if let Some(done) = self.position(step) {
-            self.remaining_part.remove(done);
+            // What others have changed for it has happened.
+            let mut place = 0;
+            self.remaining_part.retain(|element| {
+                place += 1;
+                place > done + 1 || matches!(element, PartStep::Own(_)) && place <= done
+            });
         }
         self.renew(now);
         self.remaining_part.iter().any(|element| matches!(element, PartStep::Own(_)))

@@ -11,7 +11,7 @@ use std::time::Duration;
 use acl::Millis;
 use acl::content::{Method, Methods};
 use agent::{Host, ModelPrivacy};
-use pddl::{ActionModel, Domain, InitElement, Privacy, Problem};
+use pddl::{ActionModel, Domain, InitElement, Name, Privacy, Problem};
 use skeleton::{ConfidentialModel, FillRefusal};
 
 use crate::device::{Description, OwnFact};
@@ -99,12 +99,17 @@ impl Confidentiality {
     }
 
     /// Returns the facts of the device that the actuator announces.
-    pub(crate) fn announced_facts(&self, facts: Vec<OwnFact>) -> Vec<OwnFact> {
+    /// `knows` says whether another agent declares an object.
+    pub(crate) fn announced_facts(
+        &self,
+        facts: Vec<OwnFact>,
+        knows: &dyn Fn(&Name) -> bool,
+    ) -> Vec<OwnFact> {
         match self.last() {
             Announceable::Whole => facts,
             Announceable::Part(part) => {
                 let told = facts.into_iter().filter_map(|OwnFact { fact, known_for }| {
-                    Some(OwnFact { fact: part.announced_fact(&fact)?, known_for })
+                    Some(OwnFact { fact: part.announced_fact(&fact, knows)?, known_for })
                 });
                 told.collect()
             }
@@ -118,9 +123,13 @@ impl Confidentiality {
     }
 
     /// Returns the observations of a method that the actuator reports.
-    pub(crate) fn announced_observations(&self, observed: Vec<InitElement>) -> Vec<InitElement> {
+    pub(crate) fn announced_observations(
+        &self,
+        observed: Vec<InitElement>,
+        knows: &dyn Fn(&Name) -> bool,
+    ) -> Vec<InitElement> {
         let facts = observed.into_iter().map(OwnFact::from).collect();
-        self.announced_facts(facts).into_iter().map(|fact| fact.fact).collect()
+        self.announced_facts(facts, knows).into_iter().map(|fact| fact.fact).collect()
     }
 
     /// Returns the model of a device that has private parts; `None` for any other.
@@ -141,8 +150,9 @@ impl Confidentiality {
         }
     }
 
-    /// Announces more from now on, after a proved refusal that was made with `model`. Returns whether it
-    /// does; a refusal that was made with a former model proves nothing of the present one.
+    /// Announces more from now on, after a proved refusal that was made with `model`. A refusal that was
+    /// made with a former model proves nothing of the present one. Returns whether the present model is
+    /// another one than `model`.
     pub(crate) fn sharpen(&self, refusal: &FillRefusal, model: &Arc<ConfidentialModel>) -> bool {
         let mut models = self.lock();
         let KnownModels { current, former } = &mut *models;
@@ -156,7 +166,7 @@ impl Confidentiality {
                 }
                 is_sharper
             }
-            _ => false,
+            _ => true,
         }
     }
 

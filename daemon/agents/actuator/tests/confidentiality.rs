@@ -34,7 +34,7 @@ const STEP: Duration = Duration::from_secs(2);
 const HEARD_MAX: usize = 1_000;
 
 /// Words that only the keeper may know.
-const PRIVATE: [&str; 6] = ["holding", "hanging", "brass", "fetch", "cellar", "seen"];
+const PRIVATE: [&str; 6] = ["holding", "hanging", "brass", "fetch", "cellar", "standing"];
 
 fn name(text: &str) -> AgentId {
     AgentId::new(text).expect("a name")
@@ -53,6 +53,8 @@ struct Truth {
     is_bolted_meanwhile: bool,
     /// Whether the model cannot be told without its private parts as soon as the key is held.
     has_axiom: bool,
+    /// Where the keeper stands, if it has to go to its key and back.
+    place: Option<String>,
     calls: Vec<String>,
 }
 
@@ -69,6 +71,7 @@ impl Truth {
             is_bolted: false,
             is_bolted_meanwhile: false,
             has_axiom: false,
+            place: None,
             calls,
         }
     }
@@ -87,23 +90,37 @@ impl Device for Keeper {
     type Yield = ();
 
     fn describe(&self) -> Description {
-        let (key, hook, has_axiom) = {
+        let (key, hook, has_axiom, goes) = {
             let truth = self.0.lock().expect("no panic");
-            (truth.key.clone(), truth.hook.clone(), truth.has_axiom && truth.is_key_held)
+            let has_axiom = truth.has_axiom && truth.is_key_held;
+            (truth.key.clone(), truth.hook.clone(), has_axiom, truth.place.is_some())
+        };
+        // A public action changes where the keeper stands, so that is announced from the beginning.
+        let (there, here, going) = match goes {
+            true => (
+                "(standing ?a ?r)",
+                "(standing ?a hall)",
+                "(:action go :agent ?a - doorkeeper :parameters (?from ?to - room)
+                    :precondition (standing ?a ?from)
+                    :effect (and (standing ?a ?to) (not (standing ?a ?from))))
+                (:action greet :agent ?a - doorkeeper :parameters ()
+                    :effect (and (greeted) (standing ?a hall)))",
+            ),
+            false => ("", "", ""),
         };
         let axiom = if has_axiom { "(:derived (guarded ?d - gate) (open ?d))" } else { "" };
         let model = model_of(&format!(
             "(define (agent keeper) (:domain home)
                 (:types doorkeeper - agent key - object)
                 (:predicates (guarded ?d - gate) (:private (holding ?a - doorkeeper ?k - key)
-                    (hanging ?k - key ?r - room)))
+                    (hanging ?k - key ?r - room) (standing ?a - doorkeeper ?r - room)))
                 (:objects keeper - doorkeeper (:private {key} - key {hook} - room))
                 (:action fetch :agent ?a - doorkeeper :parameters (?k - key ?r - room)
-                    :precondition (hanging ?k ?r)
+                    :precondition (and (hanging ?k ?r) {there})
                     :effect (and (holding ?a ?k) (not (hanging ?k ?r))))
                 (:action unlock :agent ?a - doorkeeper :parameters (?d - gate ?k - key)
-                    :precondition (and (holding ?a ?k) (not (bolted ?d))) :effect (open ?d))
-                {axiom})"
+                    :precondition (and (holding ?a ?k) {here} (not (bolted ?d))) :effect (open ?d))
+                {going} {axiom})"
         ));
         let method = |name: &str, arguments: &[(&str, &str)]| Method {
             method: format!("{name}-it"),
@@ -113,6 +130,8 @@ impl Device for Keeper {
         let methods = [
             ("fetch".to_owned(), method("fetch", &[("which", "?k"), ("from", "?r")])),
             ("unlock".to_owned(), method("unlock", &[("which", "?d"), ("with", "?k")])),
+            ("go".to_owned(), method("go", &[("to", "?to")])),
+            ("greet".to_owned(), method("greet", &[])),
         ];
         Description { model, methods: methods.into() }
     }
@@ -125,6 +144,10 @@ impl Device for Keeper {
             (truth.is_key_held, format!("(holding keeper {key})")),
             (truth.is_open, "(open gate1)".to_owned()),
             (truth.is_bolted, "(bolted gate1)".to_owned()),
+            (
+                truth.place.is_some(),
+                format!("(standing keeper {})", truth.place.as_deref().unwrap_or_default()),
+            ),
         ];
         let told = told.into_iter().filter(|(is, _)| *is).map(|(_, fact)| fact);
         facts_of(&told.collect::<Vec<_>>().join(" "))
@@ -142,6 +165,7 @@ impl Device for Keeper {
                     (truth.is_key_hanging, truth.is_key_held) = (false, true);
                     truth.is_bolted |= truth.is_bolted_meanwhile;
                 }
+                "go-it" => truth.place = arguments.first().cloned(),
                 _ => truth.is_open = true,
             }
             Ok(())
@@ -200,7 +224,7 @@ fn blueprint(safeguarded: &str, heartbeat_period: Duration) -> Blueprint {
     let ontology = pddl::parse_domain(
         "(define (domain home) (:requirements :typing)
             (:types agent room gate - object)
-            (:predicates (open ?d - gate) (bolted ?d - gate)))",
+            (:predicates (open ?d - gate) (bolted ?d - gate) (greeted)))",
     );
     let map = pddl::parse_problem(
         "(define (problem map) (:domain home)
@@ -418,6 +442,19 @@ async fn the_action_is_checked_again_after_its_private_steps() {
     assert_eq!((report.outcome, report.declined), (Outcome::Failed, Some(Reason::Conflict)));
     assert_eq!(home.calls(), ["fetch-it cellar brass"], "the bolted gate is not unlocked");
     home.texts();
+}
+
+/// Where the keeper stands is announced, under opaque names, and is another place on the way.
+#[tokio::test(start_paused = true)]
+async fn an_announced_private_fact_may_change_on_the_way() {
+    let place = Some("hall".to_owned());
+    let truth = Truth { is_key_hanging: true, place, ..Truth::default() };
+    let mut home = home_of(truth, ("", SECOND), vec![(SECOND * 3, unlock(1))]);
+    let report = home.report().await;
+    assert_eq!(report.outcome, Outcome::Done, "{report:?}");
+    let calls = ["go-it cellar", "fetch-it cellar brass", "go-it hall", "unlock-it gate1 brass"];
+    assert_eq!(home.calls(), calls);
+    assert!(home.texts().iter().any(|text| text.contains("keeper--p")), "it is announced");
 }
 
 /// The model has an axiom as soon as the key is held, and cannot be told any more.

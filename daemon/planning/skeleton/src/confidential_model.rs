@@ -90,18 +90,24 @@ impl ConfidentialModel {
         &self.announced
     }
 
-    /// Returns a fact of the agent as it announces it; `None` if it announces nothing of it.
+    /// Returns a fact of the agent as it announces it; `None` if it announces nothing of it. `knows` says
+    /// whether another agent declares an object: what nobody declares may be private, and is not told in
+    /// a private fact.
     #[must_use]
-    pub fn announced_fact(&self, fact: &InitElement) -> Option<InitElement> {
+    pub fn announced_fact(
+        &self,
+        fact: &InitElement,
+        knows: &dyn Fn(&Name) -> bool,
+    ) -> Option<InitElement> {
         let ProjectedTask { domain, problem, .. } = &self.partner.projected;
         let told = self.partner.projector().element(fact)?;
-        // Others may have declared what a public fact names. What a private fact names, only this agent
-        // can have declared.
         let is_private = self.partner.symbols.concern(fact);
         let is_declared = |term: &Term| {
             let name = term.name();
-            let is_own = is_private || self.partner.names.is_opaque(name);
-            !is_own || problem.objects.iter().any(|declared| declared.object.name == *name)
+            let is_opaque = self.partner.names.is_opaque(name);
+            problem.objects.iter().any(|declared| declared.object.name == *name)
+                || domain.constants.iter().any(|constant| constant.name == *name)
+                || !is_opaque && (!is_private || knows(name))
         };
         let is_told = match &told {
             InitElement::Atom(atom) | InitElement::Not(atom) | InitElement::Unknown(atom) => {

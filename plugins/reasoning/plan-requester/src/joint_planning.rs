@@ -348,9 +348,6 @@ impl PlanRequester {
             return;
         };
         let JointPhase::Agreeing(pending) = phase else { return };
-        if let Some(goal) = self.goals.get_mut(id) {
-            goal.views_differ_since = None;
-        }
         let decision = self.decide(id, &known, &pending.joint.plan);
         let is_run = matches!(decision, PlanDecision::Run);
         let why = gap.describe(&declined);

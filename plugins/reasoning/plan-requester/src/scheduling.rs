@@ -169,8 +169,11 @@ impl PlanRequester {
         decision: PlanDecision,
         ctx: &mut Context<Self>,
     ) {
-        if let Some(round) = self.goals.get_mut(id).and_then(|goal| goal.round.as_mut()) {
-            round.found = Some(found);
+        if let Some(goal) = self.goals.get_mut(id) {
+            goal.views_differ_since = None;
+            if let Some(round) = &mut goal.round {
+                round.found = Some(found);
+            }
         }
         self.handle(id, GoalEvent::PlanFound(attempt, decision), ctx);
     }

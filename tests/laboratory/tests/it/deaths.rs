@@ -23,11 +23,13 @@ use crate::house::{House, launch, name};
 
 const DOMAIN: &str = "(define (domain d) (:requirements :strips :typing :action-costs)
     (:types agent door - object)
-    (:predicates (opened ?d - door) (carried ?d - door)
-        (:private (ready ?a - agent)))
+    (:predicates (opened ?d - door) (carried ?d - door))
     (:functions (total-cost) - number))";
 const PROBLEM: &str = "(define (problem p) (:domain d) (:objects gate - door)
     (:init (= (total-cost) 0)) (:goal (and)) (:metric minimize (total-cost)))";
+
+/// Words that are private to the agents.
+const PRIVATE: [&str; 2] = ["groomed", "prepare"];
 
 /// The agents, each on a machine of its own, with the cost of what it does. The dearer ones stand in for
 /// the others.
@@ -119,10 +121,11 @@ impl Device for Worker {
         let needs = if action == "carry" { "(opened ?d)" } else { "" };
         let model = model_of(&format!(
             "(define (agent {agent}) (:domain d) (:objects {agent} - agent)
+                (:predicates (:private (groomed ?a - agent)))
                 (:action prepare :agent ?a - agent :parameters ()
-                    :effect (and (ready ?a) (increase (total-cost) 1)))
+                    :effect (and (groomed ?a) (increase (total-cost) 1)))
                 (:action {action} :agent ?a - agent :parameters (?d - door)
-                    :precondition (and (ready ?a) {needs})
+                    :precondition (and (groomed ?a) {needs})
                     :effect (and ({effect} ?d) (increase (total-cost) {cost}))))"
         ));
         let method = |name: &str| {
@@ -138,7 +141,7 @@ impl Device for Worker {
         let (_, effect) = self.does();
         let done = done.lock().expect("no test panics with it");
         let has_acted = done.contains(&format!("{agent} {effect}"));
-        let ready = is_ready.then(|| format!("(ready {agent})"));
+        let ready = is_ready.then(|| format!("(groomed {agent})"));
         let acted = has_acted.then(|| format!("({effect} gate)"));
         facts_of(&ready.into_iter().chain(acted).collect::<Vec<_>>().join(" "))
     }
@@ -201,6 +204,8 @@ struct Played {
     died_at: Option<Instant>,
     /// When plans were handed to the Plan Executor.
     executions: Vec<Instant>,
+    /// A message that names something private, if there is one.
+    named: Option<String>,
     /// Messages to the dead agent that ask something of it, with the time since its death.
     asked_of_dead: Vec<(Duration, String)>,
 }
@@ -212,6 +217,7 @@ fn daemon_of(agent: &str) -> DaemonId {
 /// What is seen on the network.
 #[derive(Default)]
 struct Seen {
+    named: Option<String>,
     died_at: Option<Instant>,
     executions: Vec<Instant>,
     asked_of_dead: Vec<(Duration, String)>,
@@ -252,6 +258,10 @@ async fn play(seed: u64, draw: Draw) -> Played {
     let dead = name(draw.victim);
     let record = Arc::clone(&seen);
     network.tap(move |_, destination, payload| {
+        let text = String::from_utf8_lossy(payload);
+        if PRIVATE.iter().any(|word| text.contains(word)) {
+            record.lock().expect("no panic").named = Some(text.into_owned());
+        }
         let Ok(message) = serde_json::from_slice::<Message>(payload) else { return };
         if let Some(moment) = Moment::of(&message) {
             sender.send(moment).expect("the test listens");
@@ -293,9 +303,9 @@ async fn play(seed: u64, draw: Draw) -> Played {
     lives.iter().for_each(tokio::task::JoinHandle::abort);
     let done = done.lock().expect("no test panics with it").clone();
     assert!(is_in_time, "seed {seed}, {draw:?}: no end; {said:#?} {done:?}");
-    let Seen { died_at, executions, asked_of_dead } =
+    let Seen { named, died_at, executions, asked_of_dead } =
         std::mem::take(&mut *seen.lock().expect("no panic"));
-    Played { said, done, died_at, executions, asked_of_dead }
+    Played { said, done, named, died_at, executions, asked_of_dead }
 }
 
 /// Plays seeds, checks each, and returns the times from a death during planning to the next plan, in
@@ -311,6 +321,18 @@ fn play_all(seeds: std::ops::Range<u64>, loss: f64) -> Vec<Duration> {
         let end = played.said.last().map(|report| report.outcome);
         assert_eq!(end, Some(Outcome::Done), "{}", story());
         assert!(played.done.iter().any(|what| what.ends_with("carried")), "in truth: {}", story());
+        let names = played.named.is_some();
+        assert_eq!(
+            names,
+            draw.privacy == ModelPrivacy::Ecosystem,
+            "{:?} {}",
+            played.named,
+            story()
+        );
+        let acted = |what: &&String| !what.ends_with("ready");
+        for actor in played.done.iter().filter(acted).filter_map(|what| what.split(' ').next()) {
+            assert!(played.done.contains(&format!("{actor} ready")), "private steps: {}", story());
+        }
         let late = played.asked_of_dead.iter().filter(|(after, _)| *after > NOTICED_WITHIN);
         let late: Vec<_> = late.collect();
         assert!(late.is_empty(), "asked of the dead: {late:?} {}", story());

@@ -20,12 +20,12 @@ use acl::content::{
 };
 use agent::{Context, Participation};
 use capability::DomainSnapshot;
-use pddl::{InitElement, PlanStep};
+use pddl::{InitElement, Name, PlanStep};
 use planner::{Cancel, Replanner, World};
 use skeleton::{ConfidentialModel, FillRefusal, FilledPart, KnownWorld};
 
 use super::{Actuator, RunningCommand};
-use crate::agreeing::{CHECK_STEPS_MAX, DeclinedPart, agree};
+use crate::agreeing::{CHECK_STEPS_MAX, DeclinedPart, agree, is_of_state};
 use crate::bidding::{bid, bounded};
 use crate::device::{Description, MethodCall, MethodFailure, MethodResult, OwnFact};
 
@@ -71,6 +71,8 @@ pub(super) type ProvedFor = (FillRefusal, Arc<ConfidentialModel>);
 enum NoSteps {
     /// The action itself is not possible in the state that is known to all.
     NotNow(String),
+    /// It is possible in no state.
+    Impossible(String),
     Refused(ProvedFor),
 }
 
@@ -226,21 +228,34 @@ impl PrivatePart {
 
     /// Returns the private steps for the first step of `part`, and that step. If there are none for the
     /// whole part, because the state is not as it was when the agent agreed, then for the step alone.
+    /// `has_begun` says whether private steps have been carried out for it: then the facts of the
+    /// announced model are those in the midst of them, and prove nothing, and what others change for
+    /// the step has happened.
     fn first_steps(
         &self,
         part: &[PartStep],
+        has_begun: bool,
         local: &DomainSnapshot,
         cancel: &Cancel,
     ) -> Result<PrivateSteps, NoSteps> {
         let is_own = |element: &PartStep| matches!(element, PartStep::Own(_));
-        let first = part.iter().position(is_own).map_or(0, |position| position + 1);
-        let action = &part[..first];
-        possible(action, local, cancel).map_err(NoSteps::NotNow)?;
+        let position = part.iter().position(is_own).unwrap_or_default();
+        let (before, rest) = part.split_at(position);
+        let (part, action) = match has_begun {
+            true => (rest, &rest[..1]),
+            false => (part, &part[..=before.len()]),
+        };
+        if !has_begun {
+            possible(action, local, cancel)?;
+        }
         let filled = match self.fill(part, local, cancel) {
-            Err(_) if part.len() > first => self.fill(action, local, cancel),
+            Err(_) if part.len() > action.len() => self.fill(action, local, cancel),
             filled => filled,
         };
-        let FilledPart { steps, positions, .. } = filled.map_err(NoSteps::Refused)?;
+        let FilledPart { steps, positions, .. } = filled.map_err(|refusal| match has_begun {
+            true => NoSteps::NotNow(refusal.0.why),
+            false => NoSteps::Refused(refusal),
+        })?;
         let before = steps.first().map_or(0, Vec::len);
         let position = before + positions.first().copied().unwrap_or_default();
         Ok(PrivateSteps { steps: steps.into_iter().take(2).flatten().collect(), position })
@@ -253,8 +268,8 @@ impl PrivatePart {
 /// # Errors
 ///
 /// Returns the reason, as text for a person.
-fn possible(action: &[PartStep], local: &DomainSnapshot, cancel: &Cancel) -> Result<(), String> {
-    let unreadable = || "the action or the state cannot be read".to_owned();
+fn possible(action: &[PartStep], local: &DomainSnapshot, cancel: &Cancel) -> Result<(), NoSteps> {
+    let unreadable = || NoSteps::Impossible("the action or the state cannot be read".to_owned());
     let world = World::initial(&local.domain, &local.problem).map_err(|_| unreadable())?;
     let mut world = world.limit_work(CHECK_STEPS_MAX, Some(cancel));
     for element in action {
@@ -262,7 +277,13 @@ fn possible(action: &[PartStep], local: &DomainSnapshot, cancel: &Cancel) -> Res
             PartStep::Own(step) => {
                 let parsed = pddl::parse_step(step).into_result().map_err(|_| unreadable())?;
                 let applied = world.apply(&local.inside(&parsed));
-                applied.map_err(|fault| format!("it cannot do `{step}`: {fault}"))?;
+                applied.map_err(|fault| {
+                    let why = format!("it cannot do `{step}`: {fault}");
+                    match is_of_state(&fault) {
+                        true => NoSteps::NotNow(why),
+                        false => NoSteps::Impossible(why),
+                    }
+                })?;
             }
             PartStep::Others(changes) => {
                 let changes = pddl::parse_init_elements(changes).into_result();
@@ -324,10 +345,14 @@ impl Actuator {
     }
 
     /// Returns the facts of the device that the actuator announces.
-    pub(super) fn announced_facts(&self) -> Vec<OwnFact> {
+    pub(super) fn announced_facts(&self, ctx: &Context<Self>) -> Vec<OwnFact> {
         let facts = self.device.facts();
         match &self.confidentiality {
-            Some(confidentiality) => confidentiality.announced_facts(facts),
+            Some(confidentiality) => {
+                let shared_domain = ctx.shared_domain(&self.host);
+                let knows = |name: &Name| shared_domain.current().0.declares_object(name);
+                confidentiality.announced_facts(facts, &knows)
+            }
             None => facts,
         }
     }
@@ -338,11 +363,16 @@ impl Actuator {
         &self,
         observed: Vec<InitElement>,
         hides: bool,
+        ctx: &Context<Self>,
     ) -> Vec<InitElement> {
         match &self.confidentiality {
             // The model has changed meanwhile: what was private is not known any more.
             Some(confidentiality) if hides && !confidentiality.hides_something() => Vec::new(),
-            Some(confidentiality) => confidentiality.announced_observations(observed),
+            Some(confidentiality) => {
+                let shared_domain = ctx.shared_domain(&self.host);
+                let knows = |name: &Name| shared_domain.current().0.declares_object(name);
+                confidentiality.announced_observations(observed, &knows)
+            }
             None => observed,
         }
     }
@@ -352,26 +382,29 @@ impl Actuator {
     pub(super) fn send_news(&mut self, ctx: &mut Context<Self>) {
         let confidentiality = self.confidentiality.as_ref();
         let hides = confidentiality.is_some_and(|it| it.hides_something());
-        if !hides || self.announced_facts() != self.announced.told_facts {
+        // A press of a button stops at once, whatever others are told of it.
+        self.apply_buttons(ctx);
+        if !hides || self.announced_facts(ctx) != self.announced.told_facts {
             self.send_heartbeat(ctx);
         } else {
             self.announce_changed_model(ctx);
         }
     }
 
-    /// Announces more of the model if the refusal is proved. Returns whether it does.
+    /// Announces more of the model if the refusal is proved. Returns whether others can plan with another
+    /// model than that of the refusal.
     pub(super) fn announce_more(
         &mut self,
         (refusal, model): &ProvedFor,
         ctx: &mut Context<Self>,
     ) -> bool {
         let confidentiality = self.confidentiality.as_ref();
-        let is_sharper = confidentiality.is_some_and(|it| it.sharpen(refusal, model));
-        if is_sharper {
+        let is_other = confidentiality.is_some_and(|it| it.sharpen(refusal, model));
+        if is_other {
             tracing::info!(agent = %ctx.id(), why = refusal.why, "announces more of its model");
             self.send_heartbeat(ctx);
         }
-        is_sharper
+        is_other
     }
 
     /// Agrees to carry out an announced action, and begins to plan its private steps when people have
@@ -419,18 +452,23 @@ impl Actuator {
         let cancel = Cancel::new();
         let (deadline, dropped) = (cancel.clone(), CancelledOnDrop(cancel.clone()));
         ctx.after(PLANNED_WITHIN, move |_: &mut Self, _| deadline.set());
+        let has_begun = running.private.as_ref().is_some_and(|progress| progress.begun > 0);
         let (local, cache) = (self.local_domain(ctx), Arc::clone(&self.bid_cache));
+        self.keep_bid_cache(ctx);
         let work = ctx.compute(
             move || {
-                let mut kept = cache.try_lock().ok();
                 let mut afresh = Default::default();
-                let composition = kept.as_mut().map_or(&mut afresh, |kept| &mut kept.composition);
-                private.first_steps(&part, &local(composition), &cancel)
+                let local = match cache.try_lock() {
+                    Ok(mut kept) => local(&mut kept.composition),
+                    Err(_) => local(&mut afresh),
+                };
+                private.first_steps(&part, has_begun, &local, &cancel)
             },
             |actuator: &mut Self, planned, ctx| actuator.private_steps_planned(planned, ctx),
         );
         if let Some(running) = &mut self.running_command {
             running._work = work;
+            running.further_calls.clear();
             running.private.get_or_insert_default().planning = Some(dropped);
         }
     }
@@ -443,6 +481,7 @@ impl Actuator {
         let PrivateSteps { steps, position } = match planned {
             Ok(steps) => steps,
             Err(NoSteps::NotNow(why)) => return self.not_now(why, ctx),
+            Err(NoSteps::Impossible(why)) => return self.private_end(why, None, ctx),
             Err(NoSteps::Refused(refusal)) => {
                 // With a sharper model the next plan is another one. Otherwise the action has failed.
                 let is_sharper = self.announce_more(&refusal, ctx);
@@ -513,9 +552,15 @@ impl Actuator {
         let Some((call, timeout)) = running.further_calls.pop_front() else { return };
         let progress = running.private.get_or_insert_default();
         progress.begun += 1;
-        let (is_action, is_over) = (progress.calls_to_action == 1, progress.begun > CALLS_MAX);
-        if let Err(why) = self.may_call(&call, is_action, is_over) {
-            return self.command_ended(Err(MethodFailure::Driver(why)), ctx);
+        let is_over = progress.begun > CALLS_MAX;
+        if let Err((why, reason)) = self.may_call(&call, is_over) {
+            tracing::warn!(agent = %ctx.id(), step = call.action, why, "a step is not begun");
+            let is_done = self.is_action_done();
+            let why = "a step of it cannot be begun; the log of its daemon has the reason, which is private";
+            match is_done {
+                true => return self.command_ended(Err(MethodFailure::GivenUp), ctx),
+                false => return self.private_end(why.to_owned(), reason, ctx),
+            }
         }
         tracing::debug!(agent = %ctx.id(), step = call.action, "a step of a private part");
         let work = self.start_call(&call, timeout, Box::pin(std::future::ready(Ok(()))), ctx);
@@ -524,32 +569,32 @@ impl Actuator {
         }
     }
 
-    /// Checks a call of the running action. `is_action` says whether it is the action itself, which
-    /// people have allowed.
+    /// Whether the running action is done, and only private steps after it are left.
+    pub(super) fn is_action_done(&self) -> bool {
+        let progress = self.running_command.as_ref().and_then(|running| running.private.as_ref());
+        progress.is_some_and(|progress| progress.calls_to_action == 0 && progress.begun > 0)
+    }
+
+    /// Checks a call of the running action.
     ///
     /// # Errors
     ///
-    /// Returns the reason, as text for a person that completes “failed to …”.
+    /// Returns the reason, as text and as a code.
     fn may_call(
         &mut self,
         call: &MethodCall,
-        is_action: bool,
         is_over: bool,
-    ) -> Result<(), String> {
-        let MethodCall { action, .. } = call;
+    ) -> Result<(), (String, Option<Reason>)> {
         if is_over {
-            return Err(format!("reach it in {CALLS_MAX} steps"));
+            return Err((format!("it was not reached in {CALLS_MAX} steps"), None));
         }
-        // People cannot be asked about a private step, which would name it.
-        if !is_action && self.is_guarded_by_people(call) {
-            return Err(format!("do `{action}`, which people have to allow"));
+        let requested = self.running_command.as_ref().map(|running| running.action.as_str());
+        // People were asked about the action under its announced name, and cannot be asked about
+        // another one, which would name it.
+        if self.needs_other_leave(call, requested.unwrap_or_default()) {
+            return Err(("people have to allow it, and cannot be asked".to_owned(), None));
         }
-        if let Some(refusal) = self.rate_objection(action) {
-            return Err(format!("do `{action}`: {}", refusal.detail));
-        }
-        match self.device.check_call(call) {
-            Some(refusal) => Err(format!("do `{action}`: {}", refusal.detail)),
-            None => Ok(()),
-        }
+        let objection = self.rate_objection(&call.action).or_else(|| self.device.check_call(call));
+        objection.map_or(Ok(()), |refusal| Err((refusal.detail, Some(refusal.reason))))
     }
 }

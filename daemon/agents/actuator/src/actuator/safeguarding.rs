@@ -43,9 +43,11 @@ impl Actuator {
         announced.saturating_sub(patience)
     }
 
-    /// Whether people have to allow the action that a call carries out.
-    pub(super) fn is_guarded_by_people(&self, call: &MethodCall) -> bool {
-        self.safeguarded.asks_people(&action_name(&call.action)).is_some()
+    /// Whether people have to allow the action that a call carries out, and were asked about another
+    /// one: the `requested` action.
+    pub(super) fn needs_other_leave(&self, call: &MethodCall, requested: &str) -> bool {
+        let name = action_name(&call.action);
+        name != action_name(requested) && self.safeguarded.asks_people(&name).is_some()
     }
 
     /// Returns a refusal if an action has begun too often.

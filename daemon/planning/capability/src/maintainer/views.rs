@@ -17,7 +17,7 @@ use super::{Maintainer, MaintainerScope};
 use crate::belief::FactClaim;
 use crate::compose::SharedModel;
 use crate::composite::Composite;
-use crate::conflict::Conflict;
+use crate::conflict::{Conflict, ModelPartKind};
 use crate::fact::{ClaimSource, FactKey, FactStatement, FactValue, Owner};
 use crate::known_agents::Member;
 use crate::snapshot::DomainSnapshot;
@@ -334,6 +334,17 @@ impl Maintainer {
             }
         }
         carried
+    }
+
+    /// Whether the map or the model of an agent declares an object, and not as private.
+    pub fn declares_object(&self, name: &Name) -> bool {
+        let models = self.roster.iter().map(|(_, member)| &*member.described.manifest);
+        std::iter::once(&self.shared.manifest).chain(models).any(|summary| {
+            let declared = summary.declarations.iter();
+            let mut objects =
+                declared.filter(|it| it.subject.kind == ModelPartKind::Object && !it.private);
+            objects.any(|it| it.subject.name == *name)
+        })
     }
 
     /// Whether new plans may use the agent's capabilities: the agent has announced its model, has

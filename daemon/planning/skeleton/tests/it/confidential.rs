@@ -62,7 +62,10 @@ fn facts(text: &str) -> Vec<InitElement> {
 }
 
 fn told(model: &ConfidentialModel, own: &str) -> String {
-    let told = facts(own).iter().filter_map(|fact| model.announced_fact(fact)).collect::<Vec<_>>();
+    let told = facts(own)
+        .iter()
+        .filter_map(|fact| model.announced_fact(fact, &|name| *name == *"parcel"))
+        .collect::<Vec<_>>();
     told.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")
 }
 
@@ -108,7 +111,9 @@ fn filled(
         InitElement::Unknown(atom) => knowledge.unknown(atom).map(InitElement::Atom),
         _ => Some(fact),
     }));
-    problem.init.extend(own.iter().filter_map(|fact| model.announced_fact(fact)));
+    problem.init.extend(
+        own.iter().filter_map(|fact| model.announced_fact(fact, &|name| *name == *"parcel")),
+    );
     let part: Vec<_> = part
         .iter()
         .map(|text| match text.strip_prefix("others ") {
@@ -308,6 +313,8 @@ fn an_undeclared_thing_in_a_private_fact_is_not_announced() {
         told(&keeper, "(holding keeper spare-key) (in keeper cellar)"),
         "(in keeper cellar)"
     );
+    // What another agent declares is known to all.
+    assert_eq!(told(&keeper, "(holding keeper parcel)").matches("parcel").count(), 1);
     let own = "(in keeper lab) (holding keeper spare-key) (hanging brass lab)";
     let known = Known { own, ..Known::default() };
     let step = ["(unlock keeper gate keeper--o0)"];
