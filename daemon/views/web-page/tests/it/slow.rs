@@ -8,6 +8,10 @@ use web_page::PageOptions;
 
 use crate::served::{PATIENCE, Served, read_answer};
 
+/// How long an event may take to a page while others do not read. In a slow hour of a virtual machine some
+/// took more than two seconds; a page that waits for one that does not read would wait for ever.
+const SEEN_WITHIN: Duration = Duration::from_secs(10);
+
 #[tokio::test(start_paused = true)]
 async fn a_client_that_sends_no_head_is_disconnected() {
     let served = Served::new().await;
@@ -82,6 +86,6 @@ async fn a_page_that_does_not_read_slows_no_other() {
         let wanted = serde_json::json!(f64::from(u32::try_from(value).expect("small")));
         let seen =
             events.find(|event| event.data["rows"]["(temperature room-0)"]["value"] == wanted);
-        timeout(Duration::from_secs(2), seen).await.expect("it is seen at once");
+        timeout(SEEN_WITHIN, seen).await.expect("it is seen while the others do not read");
     }
 }
