@@ -28,13 +28,14 @@ use substrate::BoxFuture;
 use tokio::sync::oneshot;
 
 use crate::actuator::open_initiatives::OpenInitiatives;
-use crate::actuator::private_steps::{DeclinedCall, PrivateProgress, answer};
+use crate::actuator::private_steps::PrivateProgress;
 use crate::actuator::stopping::StandingStill;
 use crate::commitment::Commitment;
 use crate::confidentiality::Confidentiality;
 use crate::device::{Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact};
 use crate::erased_device::{ErasedDevice, ErasedYield};
 use crate::ledger::{Ledger, TokenState};
+use crate::private_planning::{DeclinedCall, answer};
 use crate::safeguards::{SafeguardedActions, Safeguards};
 
 /// Maximum number of calls for proposals that are answered side by side; further calls are refused.
@@ -126,8 +127,6 @@ struct RunningCommand {
     subscribers: Vec<Participation>,
     /// The call of the method that runs, or that waits for people; `None` between two of them.
     call: Option<MethodCall>,
-    /// The calls that follow, each with its time limit; empty unless private steps belong to the action.
-    further_calls: VecDeque<(MethodCall, Duration)>,
     /// How far an action with private steps is; `None` for any other action.
     private: Option<PrivateProgress>,
     _work: WorkHandle,
@@ -458,7 +457,6 @@ impl Actuator {
             action,
             subscribers: vec![participation.clone()],
             call: Some(call),
-            further_calls: VecDeque::new(),
             private: None,
             _work: work,
         });
@@ -807,7 +805,7 @@ impl Actuator {
         let exchange = participation.exchange.clone();
         let finished = exchange.clone();
         let planner = Arc::clone(&self.bid_cache);
-        let private = self.private_part();
+        let private = self.private_planner();
         self.keep_bid_cache(ctx);
         let work = ctx.compute(
             move || {

@@ -16,7 +16,7 @@ const PART_STEPS_MAX: usize = 10_000;
 
 /// Limit on the work of checking one part, in the validator's steps. Parts in the largest buildings
 /// take some thousands; the limit is reached after half a second.
-pub(crate) const CHECK_STEPS_MAX: u64 = 3_000_000;
+const CHECK_STEPS_MAX: u64 = 3_000_000;
 
 /// A part of a joint plan that an actuator declines, for a reason that is text for a person.
 pub(crate) enum DeclinedPart {
@@ -48,13 +48,35 @@ pub(crate) fn agree(
     if part.steps.len() > PART_STEPS_MAX {
         return Err(format!("its part has more than {PART_STEPS_MAX} elements").into());
     }
+    let (own, cost) = follow(snapshot, &part.steps, agent.as_str(), cancel)?;
+    if own.is_empty() {
+        return Err("its part has no step of its own".to_owned().into());
+    }
+    let plan = Plan { steps: own, cost: None }.to_string();
+    let proposals = vec![Proposal { covers: call.conjuncts.clone(), plan, cost }];
+    let domain_digest = problem_digest(snapshot.digest(), &snapshot.problem);
+    Ok(Bid { proposals, domain_digest, agreed: Some(part.digest.clone()) })
+}
+
+/// Follows elements of a part of the actuator `agent` from the state that it knows. Returns its own steps
+/// and their cost.
+///
+/// # Errors
+///
+/// Returns the reason if an element cannot be read, or a step is not possible.
+pub(crate) fn follow(
+    snapshot: &DomainSnapshot,
+    steps: &[PartStep],
+    agent: &str,
+    cancel: &Cancel,
+) -> Result<(Vec<PlanStep>, f64), DeclinedPart> {
     let world = World::initial(&snapshot.domain, &snapshot.problem).map_err(|diagnostics| {
         let first = diagnostics.first().map(ToString::to_string).unwrap_or_default();
         format!("its own state cannot be made: {first}")
     })?;
     let mut world = world.limit_work(CHECK_STEPS_MAX, Some(cancel));
     let mut own = Vec::new();
-    for element in &part.steps {
+    for element in steps {
         match element {
             PartStep::Own(text) => {
                 let step = read_own(text, agent)?;
@@ -77,18 +99,11 @@ pub(crate) fn agree(
             }
         }
     }
-    if own.is_empty() {
-        return Err("its part has no step of its own".to_owned().into());
-    }
-    let plan = Plan { steps: own, cost: None }.to_string();
-    let cost = world.cost().unwrap_or(0.0);
-    let proposals = vec![Proposal { covers: call.conjuncts.clone(), plan, cost }];
-    let domain_digest = problem_digest(snapshot.digest(), &snapshot.problem);
-    Ok(Bid { proposals, domain_digest, agreed: Some(part.digest.clone()) })
+    Ok((own, world.cost().unwrap_or(0.0)))
 }
 
 /// Whether a step is not possible because of the state, and not because of the step.
-pub(crate) fn is_of_state(fault: &Fault) -> bool {
+fn is_of_state(fault: &Fault) -> bool {
     matches!(fault.reason, FaultReason::Precondition(_) | FaultReason::Undefined(_))
 }
 
@@ -98,13 +113,13 @@ pub(crate) fn is_of_state(fault: &Fault) -> bool {
 ///
 /// Returns an error, as text for a person, if the step cannot be parsed or another agent acts in
 /// it.
-fn read_own(text: &str, agent: &AgentId) -> Result<PlanStep, String> {
+fn read_own(text: &str, agent: &str) -> Result<PlanStep, String> {
     let step = pddl::parse_step(text).into_result().map_err(|found| {
         let first = found.first().map(ToString::to_string).unwrap_or_default();
         format!("`{text}` is no step: {first}")
     })?;
     match step.arguments.first() {
-        Some(actor) if *actor == *agent.as_str() => Ok(step),
+        Some(actor) if *actor == *agent => Ok(step),
         _ => Err(format!("`{step}` is no step of its own")),
     }
 }

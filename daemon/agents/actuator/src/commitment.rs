@@ -94,8 +94,8 @@ impl Commitment {
         self.remaining_part.iter().any(|element| matches!(element, PartStep::Own(_)))
     }
 
-    /// Returns the rest of the part whose first own step is `step`, with what others change before it;
-    /// empty if it is no step of the rest.
+    /// Returns the part from `step` on, with what others change before that step; empty if the rest of
+    /// the part has no such step.
     pub(crate) fn part_from(&self, step: &str) -> Vec<PartStep> {
         let Some(position) = self.position(step) else { return Vec::new() };
         let (before, rest) = self.remaining_part.split_at(position);

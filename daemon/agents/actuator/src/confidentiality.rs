@@ -1,5 +1,5 @@
-//! What an actuator keeps to itself in an ecosystem with `privacy = "agents"`: the private parts of its
-//! action model and of its facts.
+//! What an actuator keeps to itself in an ecosystem with `privacy = "agents"`: what its action model
+//! declares `:private`, and the facts about it.
 //!
 //! The device knows nothing of it. Everything that leaves the actuator passes through here: the model
 //! that it announces, the facts of its heartbeats and its observations. `skeleton` decides what may be
@@ -21,7 +21,7 @@ use crate::device::{Description, OwnFact};
 /// four. Each step also has its own time limit.
 const STEPS_TIMED: u32 = 8;
 
-/// The private parts of an actuator.
+/// Decides what an actuator announces of its device.
 pub(crate) struct Confidentiality {
     ontology: Arc<Domain>,
     map: Arc<Problem>,
@@ -33,7 +33,7 @@ pub(crate) struct Confidentiality {
 struct KnownModels {
     /// The last model of the device, and what may be told of it.
     current: Option<(ActionModel, Announceable)>,
-    /// The last model with private parts: what is announced once is announced from then on, and opaque
+    /// The last model that declared something `:private`: what is announced once is announced from then on, and opaque
     /// names keep their meaning.
     former: Option<Arc<ConfidentialModel>>,
 }
@@ -45,15 +45,14 @@ enum Announceable {
     Whole,
     /// The public part.
     Part(Arc<ConfidentialModel>),
-    /// Nothing but names and types: its private parts cannot be told apart.
+    /// Nothing but public names and types: there is no projection of the model.
     Nothing,
 }
 
 // === impl Confidentiality ===
 
 impl Confidentiality {
-    /// Returns the private parts of an actuator of `host`; `None` if agents keep nothing from each
-    /// other.
+    /// Returns the filter of an actuator of `host`; `None` if agents keep nothing from each other.
     pub(crate) fn of(host: &Host) -> Option<Confidentiality> {
         let (ontology, map) = (Arc::clone(&host.ontology), Arc::clone(&host.map));
         match host.settings.privacy {
@@ -64,7 +63,7 @@ impl Confidentiality {
         }
     }
 
-    /// Checks that a model can be announced without its private parts.
+    /// Checks that a model can be announced without what it declares `:private`.
     ///
     /// # Errors
     ///
@@ -98,8 +97,7 @@ impl Confidentiality {
         }
     }
 
-    /// Returns the facts of the device that the actuator announces.
-    /// `knows` says whether another agent declares an object.
+    /// Returns the facts of the device that the actuator announces. `knows` says whether another agent declares an object.
     pub(crate) fn announced_facts(
         &self,
         facts: Vec<OwnFact>,
@@ -132,7 +130,7 @@ impl Confidentiality {
         self.announced_facts(facts, knows).into_iter().map(|fact| fact.fact).collect()
     }
 
-    /// Returns the model of a device that has private parts; `None` for any other.
+    /// Returns the model of a device that declares something `:private`; `None` for any other.
     pub(crate) fn private_model(&self, model: &ActionModel) -> Option<Arc<ConfidentialModel>> {
         match self.announceable(model) {
             Announceable::Part(part) => Some(part),

@@ -7,7 +7,7 @@
 //!   receives. Answers a call for proposals with plans for the conjuncts that it can reach alone or
 //!   with the agents it carries (the paper, “Decentralized Planning”). Agrees to its part of a
 //!   joint plan if it can do this part.
-//! - Keeps the private parts of its model to itself if the host says so (`privacy = "agents"`).
+//! - Keeps what its model declares `:private` to itself if the host says so (`privacy = "agents"`).
 //! - Keeps the safeguards of the host: asks people before an action, and limits how often it
 //!   begins.
 //! - Acts by itself: announces events of its device at once, requests goals, asks people questions.
@@ -29,6 +29,7 @@ mod ledger;
 mod measured_value;
 mod on_off;
 mod pddl_text;
+mod private_planning;
 mod safeguards;
 mod unchangeable;
 

@@ -51,7 +51,7 @@ struct Truth {
     is_bolted: bool,
     /// Whether the gate is bolted while the keeper fetches its key.
     is_bolted_meanwhile: bool,
-    /// Whether the model cannot be told without its private parts as soon as the key is held.
+    /// Whether there is no projection of the model as soon as the key is held.
     has_axiom: bool,
     /// Where the keeper stands, if it has to go to its key and back.
     place: Option<String>,
@@ -83,7 +83,7 @@ impl Default for Truth {
     }
 }
 
-/// A keeper that opens a gate with a key, which hangs in a cellar that nobody else knows of.
+/// A keeper that opens a gate with a key, which hangs in a cellar. Only the keeper knows of the cellar.
 struct Keeper(Arc<Mutex<Truth>>);
 
 impl Device for Keeper {
@@ -179,7 +179,7 @@ impl Device for Keeper {
     }
 }
 
-/// Sends messages to the keeper, and records everything that anybody sends.
+/// Sends messages to the keeper, and records all messages of all agents.
 struct Listener {
     openings: Vec<(Duration, ExchangeOpening)>,
     answers: mpsc::UnboundedSender<Message>,

@@ -32,7 +32,7 @@ pub enum ModelPrivacy {
 pub struct AgentSettings {
     /// Names of the reasoning agents.
     pub roles: RoleNames,
-    /// From which agents the private parts of action models are kept.
+    /// From which agents the `:private` declarations of action models are kept.
     pub privacy: ModelPrivacy,
     /// Period of an actuator's heartbeat. One second serves the paper's plug and play: a change
     /// that only a heartbeat reveals is seen within a second.

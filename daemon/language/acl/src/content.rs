@@ -241,8 +241,8 @@ pub struct Method {
 }
 
 impl Method {
-    /// Returns the arguments of the method for an action whose parameters have the given values: names
-    /// of parameters in lower case, without `?`.
+    /// Returns the arguments of the method for the given values of the action's parameters. The keys are
+    /// names of parameters, in lower case and without `?`.
     ///
     /// # Errors
     ///

@@ -51,8 +51,8 @@ impl ConfidentialModel {
     ///
     /// # Errors
     ///
-    /// Returns the reason, as text for a person, if the model has private parts, and something that
-    /// cannot be used together with them.
+    /// Returns the reason, as text for a person, if the model declares something `:private`, and has
+    /// something that cannot be used together with it.
     pub fn new(
         model: &ActionModel,
         ontology: &Domain,
@@ -70,7 +70,9 @@ impl ConfidentialModel {
         };
         if let Some(unsupported) = unsupported {
             let agent = &model.agent;
-            return Err(format!("the model of `{agent}` has private parts and {unsupported}"));
+            return Err(format!(
+                "the model of `{agent}` declares something `:private`, and has {unsupported}"
+            ));
         }
         let former = former.map(|it| &it.partner);
         let partner = Partner::with_naming(task, ActionNaming::OfModel, former)?;

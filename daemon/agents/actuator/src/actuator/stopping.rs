@@ -311,11 +311,9 @@ impl Actuator {
 
     /// Returns the running action, the step that the device carries out for it, and those that follow.
     fn running_steps(&self) -> impl Iterator<Item = &str> {
-        self.running_command.iter().flat_map(|running| {
-            let further = running.further_calls.iter().map(|(call, _)| call);
-            let steps = running.call.iter().chain(further).map(|call| call.action.as_str());
-            std::iter::once(running.action.as_str()).chain(steps)
-        })
+        self.running_command
+            .iter()
+            .flat_map(|running| std::iter::once(running.action.as_str()).chain(running.steps()))
     }
 
     pub(super) fn stop_requested(

@@ -64,7 +64,7 @@ pub(super) struct Interpreter<'l> {
     pub(super) known_plugins: &'l [KnownPlugin],
     /// Name of the time zone of the ecosystem; `None` if the file names none.
     pub(super) time_zone: Option<String>,
-    /// From which agents private parts of models are kept.
+    /// From which agents `:private` declarations of models are kept.
     pub(super) privacy: ModelPrivacy,
     /// Names of all agents of the file. Entries with mistakes count, too.
     pub(super) written_agents: BTreeSet<String>,

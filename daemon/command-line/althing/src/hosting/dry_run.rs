@@ -58,8 +58,8 @@ pub(crate) fn models(ecosystem: &Ecosystem) -> BTreeMap<AgentId, ActionModel> {
     models_of(ecosystem, &DryRun::of(ecosystem))
 }
 
-/// Returns the models of the same agents with their private parts, also if these are kept from other
-/// agents.
+/// Returns the models of the same agents with their `:private` declarations, also if these are kept
+/// from other agents.
 pub(crate) fn whole_models(ecosystem: &Ecosystem) -> BTreeMap<AgentId, ActionModel> {
     let mut whole = ecosystem.clone();
     whole.settings.privacy = ModelPrivacy::Ecosystem;

@@ -1,4 +1,4 @@
-//! Action models with private parts in a running ecosystem.
+//! Action models that declare something `:private`, in a running ecosystem.
 
 use std::sync::Arc;
 
@@ -356,7 +356,7 @@ fn what_cannot_be_kept_is_refused_by_name() {
         ConfidentialModel::new(&model(&text), &ontology(), &map(), None).err().expect("refused")
     };
     let axiom = refused("(:derived (bolted ?d - door) (warm))");
-    assert_eq!(axiom, "the model of `lamp` has private parts and axioms");
+    assert_eq!(axiom, "the model of `lamp` declares something `:private`, and has axioms");
     let effect = refused(
         "(:action push :agent ?a - agent :parameters (?d - door) :effect (when (warm) (open ?d)))",
     );

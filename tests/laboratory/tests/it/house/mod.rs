@@ -34,7 +34,7 @@ impl House {
         House { network: Network::new(), host: Arc::new(host) }
     }
 
-    /// Returns this house with agents that keep their private parts from these agents.
+    /// Returns this house, with agents of this privacy.
     pub(crate) fn with_privacy(mut self, privacy: ModelPrivacy) -> House {
         let settings = AgentSettings { privacy, ..self.host.settings.clone() };
         let Host { ontology, map, mode, .. } = &*self.host;
