@@ -107,6 +107,28 @@ fn a_parcel_is_delivered_by_four_agents_together() {
     }
 }
 
+/// No report and no answer has the name of a shelf.
+#[test]
+fn an_arm_loads_a_parcel_and_tells_no_shelf() {
+    for mode in ["decentralized", "centralized"] {
+        let depot = up("depot", mode, 2);
+        depot.await_fact("(stored parcel-1 arm-1)", true);
+        let said = reach(&depot, "delivered");
+        let words = ["(load arm-1 parcel-1 courier-1 bay)", "(hold-still courier-1 bay)"];
+        for word in words {
+            assert!(said.contains(word), "{mode}, no `{word}`: {said}");
+        }
+        let state = known(&depot);
+        assert!(state.contains("parcel-at parcel-1 office"), "{mode}: {state}");
+        assert!(state.contains("stored parcel-2 arm-1"), "{mode}: {state}");
+        let domain = depot.ask(&["domain"]).1;
+        let why = depot.ask(&["why", "(parcel-at parcel-1 office)"]).1;
+        for text in [said, state, domain, why] {
+            assert!(!text.contains("shelf-"), "{mode}: {text}");
+        }
+    }
+}
+
 /// One house of the campus and the reasoning machine: the other houses are not started yet.
 #[test]
 fn a_house_of_the_campus_is_measured_by_its_own_devices() {

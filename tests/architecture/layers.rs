@@ -56,6 +56,7 @@ const LAYERS: &[&[&str]] = &[
     &[
         "cleaning-robot",
         "command",
+        "arm",
         "courier",
         "domain-maintainer",
         "door",
@@ -109,6 +110,7 @@ const EXCEPTIONS: &[Exception] = &[
     exception("planning-agent", "planner", "it is that planner, given a mailbox"),
     exception("cleaning-robot", "building", "its simulated driver sweeps there"),
     exception("cleaning-robot", "mobile-base", "it is a mobile base with a broom"),
+    exception("arm", "building", "its simulated driver moves there"),
     exception("courier", "building", "its simulated driver carries parcels there"),
     exception("courier", "mobile-base", "it is a mobile base with hands"),
     exception("door", "building", "its simulated driver opens there"),

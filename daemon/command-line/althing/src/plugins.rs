@@ -31,6 +31,7 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     ir_temperature_sensor::PLUGIN,
     turtlebot::PLUGIN,
     cleaning_robot::PLUGIN,
+    arm::PLUGIN,
     courier::PLUGIN,
     door::PLUGIN,
     lift::PLUGIN,

@@ -111,6 +111,7 @@ impl Campus {
             | BuildingDevice::MountedScreen { .. }
             | BuildingDevice::Door { .. }
             | BuildingDevice::Lift { .. }
+            | BuildingDevice::Arm { .. }
             | BuildingDevice::TagReader { .. } => {
                 unreachable!("invariant: `draw` puts no such devices into a campus")
             }

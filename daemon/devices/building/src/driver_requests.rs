@@ -145,7 +145,7 @@ pub(crate) enum CleaningAnswer {
     Swept(String),
 }
 
-/// A driver's request about parcels, doors and lifts.
+/// A driver's request about parcels, and about what hands them over.
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum ParcelAsk {
@@ -156,6 +156,10 @@ pub(crate) enum ParcelAsk {
     SetDown { robot: String, lift: Option<String> },
     Carried { robot: String },
     ReadTags { reader: String },
+    Grip { arm: String, parcel: String },
+    PutBack { arm: String, parcel: String, shelf: String },
+    Load { arm: String, parcel: String, robot: String },
+    OfArm { arm: String },
 }
 
 /// The answer to a [`ParcelAsk`].

@@ -131,6 +131,20 @@ pub enum LayoutError {
         /// Name of the lift.
         lift: String,
     },
+    /// An arm has no shelf.
+    #[error("give the arm `{arm}` something to reach: name at least one shelf")]
+    NoShelves {
+        /// Name of the arm.
+        arm: String,
+    },
+    /// A parcel lies on a shelf that its arm does not have.
+    #[error("find the shelf `{shelf}` of the arm `{arm}`")]
+    UnknownShelf {
+        /// Name of the arm.
+        arm: String,
+        /// The name that is no shelf.
+        shelf: String,
+    },
     /// The speed is out of range.
     #[error(
         "let `{robot}` drive at {meters_per_second} m/s: between {SPEED_MIN} and {SPEED_MAX} m/s is possible"

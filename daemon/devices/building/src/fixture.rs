@@ -53,6 +53,11 @@ fn line(event: &BuildingEvent) -> String {
         BuildingEvent::SetDown { robot, parcel, at } => {
             format!("{robot} sets {parcel} down at {at}")
         }
+        BuildingEvent::Gripped { arm, parcel } => format!("{arm} grips {parcel}"),
+        BuildingEvent::PutBack { arm, parcel } => format!("{arm} puts {parcel} back"),
+        BuildingEvent::Loaded { arm, robot, parcel, at } => {
+            format!("{arm} loads {parcel} on {robot} at {at}")
+        }
         BuildingEvent::Added { device } => format!("{device} is added"),
         BuildingEvent::Removed { device } => format!("{device} is removed"),
     }

@@ -157,6 +157,18 @@ pub enum BuildingDevice {
         /// Names of the locations where the cabin stops.
         landings: Vec<String>,
     },
+    /// A robot arm with shelves within its reach.
+    Arm {
+        /// Name of the arm.
+        name: String,
+        /// Name of the location where the arm stands.
+        location: String,
+        /// Names of its shelves.
+        shelves: Vec<String>,
+        /// The shelf of each parcel that lies on one at the start, by the parcel's name.
+        #[serde(default)]
+        stored: BTreeMap<String, String>,
+    },
     /// A reader of the tags of parcels, which tells where all parcels are.
     TagReader {
         /// Name of the reader.
@@ -179,6 +191,7 @@ impl BuildingDevice {
             | BuildingDevice::MountedScreen { name, .. }
             | BuildingDevice::Door { name, .. }
             | BuildingDevice::Lift { name, .. }
+            | BuildingDevice::Arm { name, .. }
             | BuildingDevice::TagReader { name, .. } => name,
         }
     }
@@ -195,6 +208,7 @@ impl BuildingDevice {
             BuildingDevice::MountedScreen { .. } => "mounted screen",
             BuildingDevice::Door { .. } => "door",
             BuildingDevice::Lift { .. } => "lift",
+            BuildingDevice::Arm { .. } => "arm",
             BuildingDevice::TagReader { .. } => "tag reader",
         }
     }

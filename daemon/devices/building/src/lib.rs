@@ -13,12 +13,13 @@
 //! - [`Layout::seeded`] draws another building for each seed, and [`check_scenario_1`] checks
 //!   whether scenario 1 of the paper truly took place in it. [`MaintenanceScenario`] is scenario 2,
 //!   [`AccessScenario`] is scenario 3, and [`MeetingScenario`] is Figure 1 of the paper. In
-//!   [`ParcelScenario`] and [`FloorsScenario`] agents need each other. [`Campus`] draws a campus of
-//!   any number of houses up to [`HOUSES_MAX`], with the files of its ecosystem.
+//!   [`ParcelScenario`], [`FloorsScenario`] and [`ArmScenario`] agents need each other. [`Campus`]
+//!   draws a campus of any number of houses up to [`HOUSES_MAX`], with the files of its ecosystem.
 //!
 //! Other crates contain the beliefs and messages of agents, the PDDL parser, and the substrate.
 //! **Invariant:** no code here uses Zenoh.
 
+mod arms;
 mod battery;
 mod bounds;
 mod building;
@@ -45,6 +46,7 @@ mod scenario_3;
 mod scenario_4;
 mod scenario_5;
 mod scenario_6;
+mod scenario_7;
 mod screen;
 mod seeded;
 mod seeded_random;
@@ -75,6 +77,7 @@ pub use scenario_3::{AccessScenario, AnswerPattern, Visit, VisitOutcome};
 pub use scenario_4::MeetingScenario;
 pub use scenario_5::ParcelScenario;
 pub use scenario_6::FloorsScenario;
+pub use scenario_7::ArmScenario;
 pub use seeded::{DeathTime, SeededScenario};
 pub use server::{Server, serve};
 pub use truth::{BuildingEvent, DeviceFault, LOG_MAX, Occurrence, TemperatureReading, Truth};

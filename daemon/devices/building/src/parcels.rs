@@ -1,4 +1,5 @@
-//! Parcels, and what hands them over: doors that a motor opens, lifts, and robots that carry.
+//! Parcels, and what hands them over: doors that a motor opens, lifts, and robots that carry. Arms are
+//! in `arms`.
 //!
 //! - A [`BuildingDevice::Door`] locks the way between two locations until it is opened.
 //! - A [`BuildingDevice::Lift`] has a cabin that is at one of its landings. Parcels ride in it, robots
@@ -96,7 +97,7 @@ impl Truth {
         self.parcels.get(parcel)
     }
 
-    /// Returns the parcel that a robot carries; `None` if it carries none.
+    /// Returns the parcel that a robot carries, or that an arm has gripped; `None` if there is none.
     pub fn carried_by(&self, robot: &str) -> Option<&str> {
         let is_on = |place: &ParcelPlace| *place == ParcelPlace::On(robot.to_owned());
         self.parcels.iter().find(|(_, place)| is_on(place)).map(|(parcel, _)| parcel.as_str())
@@ -116,9 +117,11 @@ impl Truth {
                 _ => (),
             }
         }
+        let arms = self.layout.devices().to_vec();
         let at =
             |(parcel, place): (&String, &String)| (parcel.clone(), ParcelPlace::At(place.clone()));
         self.parcels = self.layout.parcels.iter().map(at).collect();
+        arms.iter().for_each(|device| self.store_parcels(device));
     }
 
     fn door(&self, door: &str) -> Result<(String, String), DeviceError> {
@@ -162,7 +165,7 @@ impl Truth {
         let place = match self.parcels.get(parcel) {
             Some(ParcelPlace::At(place)) => Some(place),
             Some(ParcelPlace::In(lift)) => self.cabins.get(lift),
-            Some(ParcelPlace::On(_)) | None => None,
+            Some(ParcelPlace::On(_) | ParcelPlace::Stored { .. }) | None => None,
         };
         if place != Some(&here) {
             return Err(impossible(robot, format!("`{parcel}` is not at `{here}`")));
@@ -192,7 +195,7 @@ impl Truth {
     }
 }
 
-fn impossible(device: &str, reason: String) -> DeviceError {
+pub(crate) fn impossible(device: &str, reason: String) -> DeviceError {
     DeviceError::Impossible { device: device.to_owned(), reason }
 }
 
@@ -258,6 +261,14 @@ impl Building {
             ParcelAsk::SetDown { robot, lift } => {
                 self.set_down(&robot, lift.as_deref()).await.map(done)
             }
+            ParcelAsk::Grip { arm, parcel } => self.grip(&arm, &parcel).await.map(done),
+            ParcelAsk::PutBack { arm, parcel, shelf } => {
+                self.put_back(&arm, &parcel, &shelf).await.map(done)
+            }
+            ParcelAsk::Load { arm, parcel, robot } => {
+                self.load(&arm, &parcel, &robot).await.map(done)
+            }
+            ParcelAsk::OfArm { arm } => self.parcels_of(&arm),
             ParcelAsk::Carried { robot } => self.change(|truth| {
                 truth.require_robot(&robot)?;
                 Ok(ParcelAnswer::Carried(truth.carried_by(&robot).map(str::to_owned)))
@@ -266,7 +277,12 @@ impl Building {
                 truth.require_unbroken(&reader)?;
                 match truth.require_device(&reader)? {
                     BuildingDevice::TagReader { .. } => {
-                        Ok(ParcelAnswer::Places(truth.parcels.clone()))
+                        // What is on the shelves of an arm is seen by the arm only.
+                        let is_seen =
+                            |place: &ParcelPlace| !matches!(place, ParcelPlace::Stored { .. });
+                        let seen = truth.parcels.iter().filter(|(_, place)| is_seen(place));
+                        let seen = seen.map(|(name, place)| (name.clone(), place.clone()));
+                        Ok(ParcelAnswer::Places(seen.collect()))
                     }
                     other => Err(wrong_kind(other, "tag reader")),
                 }
@@ -356,7 +372,15 @@ impl BuildingHandle {
         &self,
         reader: &str,
     ) -> Result<BTreeMap<String, ParcelPlace>, DeviceError> {
-        match self.parcel(ParcelAsk::ReadTags { reader: reader.to_owned() }).await? {
+        self.parcel_places(ParcelAsk::ReadTags { reader: reader.to_owned() }).await
+    }
+
+    /// Sends a request that is answered with places of parcels, and returns these.
+    pub(crate) async fn parcel_places(
+        &self,
+        ask: ParcelAsk,
+    ) -> Result<BTreeMap<String, ParcelPlace>, DeviceError> {
+        match self.parcel(ask).await? {
             ParcelAnswer::Places(places) => Ok(places),
             other => Err(DriverAnswer::Parcel(other).unexpected()),
         }

@@ -248,6 +248,31 @@ pub enum BuildingEvent {
         /// Name of the location of the robot.
         at: String,
     },
+    /// An arm has gripped a parcel on one of its shelves.
+    Gripped {
+        /// Name of the arm.
+        arm: String,
+        /// Name of the parcel.
+        parcel: String,
+    },
+    /// An arm has put the parcel that it had gripped on one of its shelves.
+    PutBack {
+        /// Name of the arm.
+        arm: String,
+        /// Name of the parcel.
+        parcel: String,
+    },
+    /// An arm has loaded the parcel that it had gripped on a robot.
+    Loaded {
+        /// Name of the arm.
+        arm: String,
+        /// Name of the robot.
+        robot: String,
+        /// Name of the parcel.
+        parcel: String,
+        /// Name of the location of both.
+        at: String,
+    },
     /// A device was added to the building.
     Added {
         /// Name of the added device.
@@ -329,6 +354,7 @@ impl Truth {
             | BuildingDevice::Camera { location, .. }
             | BuildingDevice::Screen { location, .. }
             | BuildingDevice::TagReader { location, .. }
+            | BuildingDevice::Arm { location, .. }
             | BuildingDevice::Door { a: location, .. } => Some(location),
             BuildingDevice::Lift { name, .. } => self.cabins.get(name).map(String::as_str),
             BuildingDevice::Robot { name, .. } => self.robots.get(name).map(String::as_str),

@@ -221,6 +221,7 @@ impl Truth {
         if let BuildingDevice::Lift { name, landings } = &device {
             self.cabins.extend(landings.first().map(|landing| (name.clone(), landing.clone())));
         }
+        self.store_parcels(&device);
         self.log.record(BuildingEvent::Added { device: device.name().to_owned() });
         Ok(())
     }

@@ -1,9 +1,10 @@
 //! The courier: a mobile base that carries one parcel at a time, to another place or into the cabin
-//! of a lift.
+//! of a lift. With a tray, an arm can load it while it stands still.
 //!
 //! - `mobile_base::MobileBase` implements moving, the battery and the dock, as for every robot.
 //! - Where parcels lie is told by a tag reader, and where the cabin of a lift is by the lift.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -31,6 +32,8 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 const TAKE_UP: &str = "take_up";
 const SET_DOWN: &str = "set_down";
 const PUT_IN: &str = "put_in";
+const HOLD_STILL: &str = "hold_still";
+const MOVE_ON: &str = "move_on";
 
 /// Time limit of taking up or setting down a parcel.
 const HANDLING_MAX: Duration = Duration::from_secs(60);
@@ -39,12 +42,24 @@ const HANDLING_MAX: Duration = Duration::from_secs(60);
 /// the parcel, or a method may have been cancelled at the last moment.
 const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 
+/// Interval at which a courier that waits to be loaded looks whether it is loaded, and how often it
+/// looks at this interval: for ten seconds.
+const LOADING_INTERVAL: Duration = Duration::from_millis(50);
+const LOADING_LOOKS: u32 = 200;
+
+/// Maximum number of parcels that a courier declares as objects; of more, those that it has carried
+/// first are not declared any more.
+const DECLARED_MAX: usize = 32;
+
 /// The `config` of a courier's entry.
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case")]
 struct Config {
     #[serde(flatten)]
     base: BaseConfig,
+    /// Whether it has a tray on which an arm can load a parcel.
+    #[serde(default)]
+    tray: bool,
     /// All other keys of the entry's `config`. Any such key is an error.
     #[serde(flatten)]
     unknown: serde_json::Map<String, serde_json::Value>,
@@ -55,18 +70,46 @@ struct Courier {
     ontology: String,
     base: MobileBase,
     building: Arc<BuildingHandle>,
-    /// Name of the carried parcel; `None` if the hands are free.
-    carried: Arc<watch::Sender<Option<String>>>,
+    parcels: Arc<watch::Sender<CarriedParcels>>,
+    has_tray: bool,
+    /// The place where it stands still to be loaded; `None` if it does not wait for that.
+    holding_still_at: Arc<watch::Sender<Option<String>>>,
+}
+
+/// The parcels of a courier.
+#[derive(Default)]
+struct CarriedParcels {
+    /// Name of the carried parcel; `None` if it carries none.
+    now: Option<String>,
+    /// Names of the parcels that it has carried since its start, the newest last.
+    since_start: VecDeque<String>,
 }
 
 /// The result of a method of the courier.
 enum CourierResult {
     Moved(BaseOutcome),
     Carries(Option<String>),
+    /// Stands still in this place to be loaded, or no longer.
+    HoldsStill(Option<String>),
+}
+
+// === impl CarriedParcels ===
+
+impl CarriedParcels {
+    /// Sets the carried parcel.
+    fn carry(&mut self, parcel: Option<String>) {
+        if let Some(parcel) = parcel.as_ref().filter(|parcel| !self.since_start.contains(parcel)) {
+            self.since_start.push_back(parcel.clone());
+            if self.since_start.len() > DECLARED_MAX {
+                self.since_start.pop_front();
+            }
+        }
+        self.now = parcel;
+    }
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
-    let Config { base, unknown } = blueprint.config_as()?;
+    let Config { base, tray, unknown } = blueprint.config_as()?;
     if let Some(key) = unknown.keys().next() {
         return Err(blueprint.problem(format!("a courier's config has no key `{key}`")));
     }
@@ -78,7 +121,9 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         ontology: blueprint.host.ontology.name.to_string(),
         base: MobileBase::new(&blueprint, "courier", base)?,
         building,
-        carried: Arc::new(watch::Sender::new(None)),
+        parcels: Arc::default(),
+        has_tray: tray,
+        holding_still_at: Arc::new(watch::Sender::new(None)),
     };
     Actuator::build(&blueprint, courier)
 }
@@ -111,6 +156,81 @@ fn actions() -> &'static str {
             (increase (total-cost) 1)))"
 }
 
+/// The PDDL of the actions with a tray.
+const TRAY_ACTIONS: &str = "(:action hold-still
+        :agent ?b - courier
+        :parameters (?l - location)
+        :precondition (and (at ?b ?l) (hands-free ?b))
+        :effect (and (holding-still ?b ?l) (not (hands-free ?b)) (increase (total-cost) 1)))
+    (:action move-on
+        :agent ?b - courier
+        :parameters (?l - location)
+        :precondition (holding-still ?b ?l)
+        :effect (and (hands-free ?b) (not (holding-still ?b ?l)) (increase (total-cost) 1)))";
+
+impl Courier {
+    /// Carries out a method with which the courier begins to stand still, or ceases to.
+    fn hold_still(&self, call: &MethodCall) -> BoxFuture<Result<CourierResult, MethodFailure>> {
+        let place = call.argument("place").map(str::to_owned);
+        let (is_begun, here) = (call.method == HOLD_STILL, self.base.place());
+        let (building, id) = (Arc::clone(&self.building), self.id.clone());
+        let parcels = Arc::clone(&self.parcels);
+        let holding_still_at = Arc::clone(&self.holding_still_at);
+        Box::pin(async move {
+            let place = place?;
+            let parcel = building.carried_by(&id).await;
+            let parcel = parcel.map_err(|error| MethodFailure::Driver(error.to_string()))?;
+            parcels.send_modify(|parcels| parcels.carry(parcel.clone()));
+            if !is_begun {
+                holding_still_at.send_replace(None);
+                return match parcel {
+                    None => Ok(CourierResult::HoldsStill(None)),
+                    Some(parcel) => {
+                        let problem = format!("move on with free hands: it carries `{parcel}`");
+                        Err(MethodFailure::Hindered(problem))
+                    }
+                };
+            }
+            if here.as_ref() != Some(&place) {
+                let here = here.as_deref().unwrap_or("a place that it does not know");
+                let problem = format!("stand still at `{place}`: it is at `{here}`");
+                return Err(MethodFailure::Hindered(problem));
+            }
+            if let Some(parcel) = parcel {
+                let problem = format!("wait to be loaded: it carries `{parcel}`");
+                return Err(MethodFailure::Hindered(problem));
+            }
+            holding_still_at.send_replace(Some(place.clone()));
+            Ok(CourierResult::HoldsStill(Some(place)))
+        })
+    }
+
+    /// Carries out a method of the base. A courier that drives away does not wait to be loaded any
+    /// more; whether it was loaded is looked up before and after.
+    fn drive(&mut self, call: &MethodCall) -> BoxFuture<Result<CourierResult, MethodFailure>> {
+        let moved = self.base.perform(call);
+        let (building, id) = (Arc::clone(&self.building), self.id.clone());
+        let parcels = Arc::clone(&self.parcels);
+        let holding_still_at = Arc::clone(&self.holding_still_at);
+        Box::pin(async move {
+            let look = async || {
+                if let Ok(parcel) = building.carried_by(&id).await {
+                    parcels.send_modify(|parcels| parcels.carry(parcel));
+                }
+            };
+            if holding_still_at.borrow().is_none() {
+                return moved.await.map(CourierResult::Moved);
+            }
+            look().await;
+            holding_still_at.send_replace(None);
+            let moved = moved.await;
+            // The arm may have ended loading at the last moment before the departure.
+            look().await;
+            moved.map(CourierResult::Moved)
+        })
+    }
+}
+
 impl Device for Courier {
     type Yield = CourierResult;
 
@@ -130,7 +250,20 @@ impl Device for Courier {
         }
         methods.insert("set-down".to_owned(), method(SET_DOWN, &[]));
         methods.insert("put-in".to_owned(), method(PUT_IN, &[("lift", "?c")]));
-        let (objects, lasting, moving) = (base.objects(), base.model_facts(), base.actions(""));
+        let (mut waiting, mut tray) = ("", "");
+        if self.has_tray {
+            methods.insert("hold-still".to_owned(), method(HOLD_STILL, &[("place", "?l")]));
+            methods.insert("move-on".to_owned(), method(MOVE_ON, &[("place", "?l")]));
+            (waiting, tray) = ("(holding-still ?b - mobile-base ?l - location)", TRAY_ACTIONS);
+        }
+        let (mut objects, lasting, moving) = (base.objects(), base.model_facts(), base.actions(""));
+        // The arm that has loaded a parcel may leave. What the courier has told of the parcel counts
+        // only as long as some agent declares it.
+        if self.has_tray {
+            for parcel in &self.parcels.borrow().since_start {
+                objects += &format!(" {parcel} - parcel");
+            }
+        }
         let (predicates, functions) = (base.predicates(), base.functions());
         let handling = actions();
         let text = format!(
@@ -142,20 +275,25 @@ impl Device for Courier {
                     (in-cabin ?p - parcel ?c - lift-cabin)
                     (cabin-at ?c - lift-cabin ?l - location)
                     (carrying ?b - mobile-base ?i - item)
+                    {waiting}
                     (:private (hands-free ?b - courier)))
                 (:objects {objects})
                 (:init {lasting})
                 {moving}
-                {handling})"
+                {handling}
+                {tray})"
         );
         Description { model: model_of(&text), methods }
     }
 
     fn facts(&self) -> Vec<OwnFact> {
         let Courier { id, base, .. } = self;
-        let hands = match &*self.carried.borrow() {
-            Some(parcel) => format!("(carrying {id} {parcel})"),
-            None => format!("(hands-free {id})"),
+        let hands = match (&self.parcels.borrow().now, &*self.holding_still_at.borrow()) {
+            (Some(parcel), _) => format!("(carrying {id} {parcel})"),
+            (None, Some(place)) if base.place().as_ref() == Some(place) => {
+                format!("(holding-still {id} {place})")
+            }
+            (None, _) => format!("(hands-free {id})"),
         };
         facts_of(&format!("{} {hands}", base.facts()))
     }
@@ -170,13 +308,12 @@ impl Device for Courier {
             TAKE_UP => (argument("parcel").map(Some), None),
             SET_DOWN => (Ok(None), None),
             PUT_IN => (Ok(None), Some(argument("lift"))),
-            _ => {
-                let moved = self.base.perform(call);
-                return Box::pin(async move { moved.await.map(CourierResult::Moved) });
-            }
+            HOLD_STILL | MOVE_ON => return self.hold_still(call),
+            _ => return self.drive(call),
         };
         let (building, id) = (Arc::clone(&self.building), self.id.clone());
-        let carried = Arc::clone(&self.carried);
+        let parcels = Arc::clone(&self.parcels);
+        let holding_still_at = Arc::clone(&self.holding_still_at);
         Box::pin(async move {
             let (take, lift) = (take?, lift.transpose()?);
             let done = match &take {
@@ -184,7 +321,8 @@ impl Device for Courier {
                 None => building.set_down(&id, lift.as_deref()).await,
             };
             done.map_err(|error| MethodFailure::Driver(error.to_string()))?;
-            carried.send_replace(take.clone());
+            parcels.send_modify(|parcels| parcels.carry(take.clone()));
+            holding_still_at.send_replace(None);
             Ok(CourierResult::Carries(take))
         })
     }
@@ -193,6 +331,13 @@ impl Device for Courier {
         let carried = match done {
             CourierResult::Moved(moved) => return self.base.performed(&moved),
             CourierResult::Carries(carried) => carried,
+            CourierResult::HoldsStill(place) => {
+                let detail = match place {
+                    Some(place) => format!("stands still at {place}"),
+                    None => "no longer waits to be loaded".to_owned(),
+                };
+                return MethodResult { detail, observations: Vec::new() };
+            }
         };
         let detail = match &carried {
             Some(parcel) => format!("carries {parcel}"),
@@ -203,11 +348,11 @@ impl Device for Courier {
 
     fn read_state(&self) -> Option<BoxFuture<()>> {
         let (building, id) = (Arc::clone(&self.building), self.id.clone());
-        let (carried, located) = (Arc::clone(&self.carried), self.base.locate());
+        let (parcels, located) = (Arc::clone(&self.parcels), self.base.locate());
         Some(Box::pin(async move {
             located.await;
             if let Ok(parcel) = building.carried_by(&id).await {
-                carried.send_replace(parcel);
+                parcels.send_modify(|parcels| parcels.carry(parcel));
             }
         }))
     }
@@ -219,14 +364,26 @@ impl Device for Courier {
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<Courier>>> {
         let wish = self.base.next_initiative();
         let (building, id) = (Arc::clone(&self.building), self.id.clone());
-        let carried = Arc::clone(&self.carried);
+        let parcels = Arc::clone(&self.parcels);
+        let holding_still_at = Arc::clone(&self.holding_still_at);
         let differs = async move {
+            let mut waits = holding_still_at.subscribe();
+            let mut quick_looks = LOADING_LOOKS;
             loop {
-                tokio::time::sleep(LOOK_INTERVAL).await;
-                let known = carried.borrow().clone();
+                let is_waiting = waits.borrow_and_update().is_some() && quick_looks > 0;
+                quick_looks = quick_looks.saturating_sub(u32::from(is_waiting));
+                let interval = if is_waiting { LOADING_INTERVAL } else { LOOK_INTERVAL };
+                tokio::select! {
+                    () = tokio::time::sleep(interval) => (),
+                    // The sender is held above, so there is no error.
+                    _ = waits.changed() => {
+                        quick_looks = LOADING_LOOKS;
+                        continue;
+                    }
+                }
+                let known = parcels.borrow().now.clone();
                 match building.carried_by(&id).await {
-                    // What a method has changed meanwhile is known already.
-                    Ok(now) if now != known && *carried.borrow() == known => return now,
+                    Ok(now) if now != known => return (known, now),
                     _ => (),
                 }
             }
@@ -234,8 +391,14 @@ impl Device for Courier {
         Some(Box::pin(async move {
             let news: DeviceEvent<Courier> = tokio::select! {
                 () = wish => Box::new(|robot| robot.base.take_initiatives()),
-                now = differs => Box::new(move |robot| {
-                    robot.carried.send_replace(now);
+                (known, now) = differs => Box::new(move |robot| {
+                    // What a method has changed meanwhile is known already.
+                    if robot.parcels.borrow().now == known {
+                        if now.is_some() {
+                            robot.holding_still_at.send_replace(None);
+                        }
+                        robot.parcels.send_modify(|parcels| parcels.carry(now));
+                    }
                     Vec::new()
                 }),
             };

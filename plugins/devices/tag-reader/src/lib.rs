@@ -98,7 +98,7 @@ impl Device for TagReader {
         let fact = |(parcel, place): (&String, &ParcelPlace)| match place {
             ParcelPlace::At(location) => format!(" (parcel-at {parcel} {location})"),
             ParcelPlace::In(lift) => format!(" (in-cabin {parcel} {lift})"),
-            ParcelPlace::On(_) => String::new(),
+            ParcelPlace::On(_) | ParcelPlace::Stored { .. } => String::new(),
         };
         facts_of(&known.map(fact).collect::<String>())
     }

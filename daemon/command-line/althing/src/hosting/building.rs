@@ -175,6 +175,9 @@ fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError> {
         let at = || config(entry, "landings");
         layout.add_lift(entry.name.as_str(), &landings).at(at)?;
     }
+    for entry in of("arm") {
+        add_arm(&mut layout, entry)?;
+    }
     for entry in of("tag-reader") {
         add_parcels(&mut layout, entry)?;
     }
@@ -191,6 +194,30 @@ fn add_door(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationErr
     }
     layout.add_door(entry.name.as_str(), a, b).at(at)?;
     Ok(())
+}
+
+/// Adds an arm with its shelves and the parcels on them.
+fn add_arm(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationError> {
+    let (location, shelves) = (text(entry, "location")?, texts(entry, "shelves"));
+    let stored = entry.config.get("stored").and_then(Value::as_object);
+    let stored: Vec<_> = { stored.into_iter().flatten() }
+        .filter_map(|(parcel, shelf)| Some((parcel.as_str(), shelf.as_str()?)))
+        .collect();
+    let added = layout.add_arm(entry.name.as_str(), location, &shelves, &stored).map(drop);
+    let place = match &added {
+        Err(LayoutError::UnknownLocation { .. }) => config(entry, "location"),
+        Err(LayoutError::NameTaken { name, .. } | LayoutError::BadName { name })
+            if name == entry.name.as_str() =>
+        {
+            MistakeLocation::Key(format!("{}.name", entry.path))
+        }
+        Err(LayoutError::UnknownShelf { .. }) => config(entry, "stored"),
+        Err(LayoutError::NameTaken { name, .. }) if stored.iter().any(|(it, _)| it == name) => {
+            config(entry, "stored")
+        }
+        _ => config(entry, "shelves"),
+    };
+    added.at(|| place)
 }
 
 /// Adds a tag reader and its parcels, each where it lies at the start.

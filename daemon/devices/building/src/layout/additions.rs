@@ -190,6 +190,10 @@ impl Layout {
                     return Err(LayoutError::NoDoor { a: a.clone(), b: b.clone() });
                 }
             }
+            BuildingDevice::Arm { name, location, shelves, stored } => {
+                self.check_location(location)?;
+                self.check_shelves(name, shelves, stored)?;
+            }
             BuildingDevice::Lift { name, landings } => {
                 landings.iter().try_for_each(|landing| self.check_location(landing))?;
                 if landings.len() < 2 {
@@ -225,7 +229,9 @@ impl Layout {
             return Err(LayoutError::BadName { name: name.to_owned() });
         }
         let place = self.location(name).map(|_| "location");
-        let parcel = self.parcels.get(name).map(|_| "parcel");
+        let is_stored = |device: &BuildingDevice| matches!(device, BuildingDevice::Arm { stored, .. } if stored.contains_key(name));
+        let is_parcel = self.parcels.contains_key(name) || self.devices.iter().any(is_stored);
+        let parcel = is_parcel.then_some("parcel");
         match place.or(parcel).or_else(|| self.device(name).map(BuildingDevice::is)) {
             Some(what) => {
                 Err(LayoutError::NameTaken { name: name.to_owned(), taken_by: what.to_owned() })
