@@ -99,15 +99,17 @@ fn scenario_4_in_processes() {
     }
 }
 
-/// A robot and a door, and two robots and a lift, need each other.
+/// A robot and a door, two robots and a lift, a robot and an arm need each other.
 #[test]
-fn scenarios_5_and_6_in_processes() {
+fn scenarios_5_to_7_in_processes() {
     for (number, seed, mode) in [
         ("5", "0", "decentralized"),
         ("5", "1", "centralized"),
         ("6", "0", "decentralized"),
         ("6", "2", "decentralized"),
         ("6", "0", "centralized"),
+        ("7", "0", "decentralized"),
+        ("7", "3", "centralized"),
     ] {
         let value = check_number(number, &["--mode", mode, "--processes", "--seed", seed]);
         let events = value["events"].to_string();
@@ -124,6 +126,7 @@ fn all_in_one_process() {
         ("4", "centralized"),
         ("5", "decentralized"),
         ("6", "centralized"),
+        ("7", "decentralized"),
     ] {
         check_number(number, &["--mode", mode]);
     }

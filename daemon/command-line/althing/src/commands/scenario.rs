@@ -36,7 +36,8 @@ pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
         3 => Scenario::Access,
         4 => Scenario::Meeting,
         5 => Scenario::Parcel,
-        _ => Scenario::Floors,
+        6 => Scenario::Floors,
+        _ => Scenario::Arm,
     };
     let mut script = ScenarioOptions::new(scenario, args.seed.unwrap_or(0), mode, stage);
     let json = args.print.json;
@@ -119,6 +120,7 @@ fn title(number: u8) -> String {
         4 => "Figure 1 of the paper".to_owned(),
         5 => "A parcel behind closed doors".to_owned(),
         6 => "A parcel that changes the floor".to_owned(),
+        7 => "A parcel on a shelf that only an arm reaches".to_owned(),
         number => format!("Scenario {number} of the paper"),
     }
 }

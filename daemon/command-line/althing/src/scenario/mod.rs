@@ -1,4 +1,4 @@
-//! The scenarios of the paper (“Demonstrations”, and Figure 1), and two more in which agents need
+//! The scenarios of the paper (“Demonstrations”, and Figure 1), and three more in which agents need
 //! each other. They are played in the simulated building, and judged by its truth, which is its real
 //! state.
 //!
@@ -8,7 +8,7 @@
 //! - `scenario_run` has the steps that all scenarios share: requesting goals, receiving reports,
 //!   and waiting for a true state of the building.
 //! - One file for each scenario plays it: `temperatures` (scenario 1), `maintenance` (2), `access`
-//!   (3), `meeting` (Figure 1), and `parcels` (5 and 6).
+//!   (3), `meeting` (Figure 1), and `parcels` (5 to 7).
 
 mod access;
 mod launched;
@@ -49,6 +49,8 @@ pub(crate) enum Scenario {
     Parcel,
     /// Scenario 6: robots on two floors and a lift hand a parcel over.
     Floors,
+    /// Scenario 7: an arm loads a parcel on a robot, and keeps to itself where it was.
+    Arm,
 }
 
 /// The options with which a scenario is played once.
@@ -132,6 +134,7 @@ pub(crate) async fn play(
         Scenario::Meeting => meeting::play(script, tell).await,
         Scenario::Parcel => parcels::play_doors(script, tell).await,
         Scenario::Floors => parcels::play_floors(script, tell).await,
+        Scenario::Arm => parcels::play_arm(script, tell).await,
     }
 }
 

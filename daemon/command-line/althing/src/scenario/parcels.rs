@@ -1,7 +1,8 @@
-//! Two buildings in which agents need each other (the paper leaves such goals to its future work): a
-//! parcel behind closed doors (scenario 5), and one that changes the floor (scenario 6).
+//! Three buildings in which agents need each other (the paper leaves such goals to its future work): a
+//! parcel behind closed doors (scenario 5), one that changes the floor (scenario 6), and one on a shelf
+//! that only an arm reaches, which keeps to itself where it lies (scenario 7).
 
-use ::building::{FloorsScenario, Layout, ParcelScenario, Truth};
+use ::building::{ArmScenario, FloorsScenario, ParcelScenario, Truth};
 use acl::content::Keep;
 
 use super::scenario_run::{ScenarioRun, with_time_limit};
@@ -10,8 +11,7 @@ use super::{ScenarioEvent, ScenarioOptions, ScenarioResult};
 
 /// A parcel that is to be brought into a room.
 struct ParcelErrand {
-    layout: Layout,
-    parcel: &'static str,
+    parcel: String,
     room: String,
     verdict: String,
 }
@@ -24,8 +24,10 @@ pub(super) async fn play_doors(
     let scenario = ParcelScenario::seeded(script.seed);
     let (parcel, robot, room) = (scenario.parcel(), scenario.robot(), scenario.target.clone());
     let verdict = format!("{robot} has brought {parcel} to {room}, through a door that was opened");
-    let delivery = ParcelErrand { layout: scenario.layout.clone(), parcel, room, verdict };
-    play(script, ("scenario-5", delivery), |truth| scenario.check(truth), tell).await
+    let (layout, parcel) = (scenario.layout.clone(), parcel.to_owned());
+    let setting = Setting::new("scenario-5", &layout);
+    let delivery = ParcelErrand { parcel, room, verdict };
+    play(script, (setting, delivery), |truth| scenario.check(truth), tell).await
 }
 
 /// Plays scenario 6: a parcel that changes the floor.
@@ -36,17 +38,31 @@ pub(super) async fn play_floors(
     let scenario = FloorsScenario::seeded(script.seed);
     let (parcel, lift, room) = (scenario.parcel(), scenario.lift(), scenario.target.clone());
     let verdict = format!("two robots and {lift} have brought {parcel} to {room}");
-    let delivery = ParcelErrand { layout: scenario.layout.clone(), parcel, room, verdict };
-    play(script, ("scenario-6", delivery), |truth| scenario.check(truth), tell).await
+    let (layout, parcel) = (scenario.layout.clone(), parcel.to_owned());
+    let setting = Setting::new("scenario-6", &layout);
+    let delivery = ParcelErrand { parcel, room, verdict };
+    play(script, (setting, delivery), |truth| scenario.check(truth), tell).await
+}
+
+/// Plays scenario 7: a parcel on a shelf of an arm, which keeps to itself where it lies.
+pub(super) async fn play_arm(
+    script: &ScenarioOptions,
+    tell: &mut dyn FnMut(ScenarioEvent),
+) -> Result<ScenarioResult, String> {
+    let scenario = ArmScenario::seeded(script.seed);
+    let (parcel, arm, room) = (scenario.parcel.clone(), scenario.arm(), scenario.target.clone());
+    let verdict = format!("{arm} has loaded {parcel} on a robot that brought it to {room}");
+    let setting = Setting::new("scenario-7", &scenario.layout).confidential();
+    let delivery = ParcelErrand { parcel, room, verdict };
+    play(script, (setting, delivery), |truth| scenario.check(truth), tell).await
 }
 
 async fn play(
     script: &ScenarioOptions,
-    (name, delivery): (&'static str, ParcelErrand),
+    (setting, delivery): (Setting, ParcelErrand),
     check: impl Fn(&Truth) -> Result<(), Vec<String>>,
     tell: &mut dyn FnMut(ScenarioEvent),
 ) -> Result<ScenarioResult, String> {
-    let setting = Setting::new(name, &delivery.layout);
     let mut performance = ScenarioRun::open(&setting, script, tell).await?;
     let ended = with_time_limit(acts(&mut performance, &setting, &delivery)).await;
     let ScenarioRun { set, building, .. } = performance;

@@ -32,6 +32,8 @@ pub(crate) struct Setting {
     /// device's place.
     more: Box<dyn Fn(&BuildingDevice) -> String>,
     replanning: bool,
+    /// Whether agents keep from each other what their models declare `:private`.
+    is_confidential: bool,
 }
 
 impl Setting {
@@ -40,7 +42,7 @@ impl Setting {
     pub(crate) fn new(name: &'static str, layout: &Layout) -> Setting {
         let more = Box::new(|_: &BuildingDevice| String::new());
         let (at_first, layout) = (layout.clone(), layout.clone());
-        Setting { name, at_first, layout, more, replanning: true }
+        Setting { name, at_first, layout, more, replanning: true, is_confidential: false }
     }
 
     /// Sets the building as it is at the start; the other devices of the setting are plugged in
@@ -61,6 +63,11 @@ impl Setting {
         Setting { replanning, ..self }
     }
 
+    /// Lets agents keep from each other what their models declare `:private`.
+    pub(super) fn confidential(self) -> Setting {
+        Setting { is_confidential: true, ..self }
+    }
+
     /// Returns the names of the devices that are there from the start and have an agent.
     pub(crate) fn devices_at_first(&self) -> BTreeSet<String> {
         // A tag reader has no actions, so it is not among the agents that can be planned with.
@@ -76,7 +83,11 @@ impl Setting {
 
     /// Returns the names of the parcels in the building.
     pub(super) fn parcels(&self) -> BTreeSet<String> {
-        self.layout.parcels().keys().cloned().collect()
+        let stored = self.layout.devices().iter().flat_map(|device| match device {
+            BuildingDevice::Arm { stored, .. } => stored.keys().cloned().collect(),
+            _ => Vec::new(),
+        });
+        self.layout.parcels().keys().cloned().chain(stored).collect()
     }
 
     /// Whether the agent named `agent` is launched later than the others.
@@ -103,6 +114,9 @@ impl Setting {
             self.name,
             daemons.join(", ")
         );
+        if self.is_confidential {
+            text.push_str("privacy = \"agents\"\n");
+        }
         for plugin in ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"] {
             let stays = plugin == "plan-requester" && !self.replanning;
             let config = if stays { "replanning = false" } else { "" };
@@ -148,15 +162,24 @@ fn plugin_of(device: &BuildingDevice, layout: &Layout) -> Option<(&'static str, 
             let has_screen = layout.devices().iter().any(
                 |device| matches!(device, BuildingDevice::MountedScreen { carrier, .. } if carrier == name),
             );
-            let plugin = match has_screen {
-                true => "video-robot",
-                false if !layout.parcels().is_empty() => "courier",
-                false => "turtlebot",
+            let is_arm = |device: &BuildingDevice| matches!(device, BuildingDevice::Arm { .. });
+            let (plugin, tray) = match has_screen {
+                true => ("video-robot", ""),
+                false if layout.devices().iter().any(is_arm) => ("courier", ", tray = true"),
+                false if !layout.parcels().is_empty() => ("courier", ""),
+                false => ("turtlebot", ""),
             };
-            Some((plugin, format!("start = \"{start}\", speed = {meters_per_second:?}")))
+            Some((plugin, format!("start = \"{start}\", speed = {meters_per_second:?}{tray}")))
         }
         BuildingDevice::Door { a, b, .. } => Some(("door", format!("between = {:?}", [a, b]))),
         BuildingDevice::Lift { landings, .. } => Some(("lift", format!("landings = {landings:?}"))),
+        BuildingDevice::Arm { location, shelves, stored, .. } => {
+            let stored: Vec<_> =
+                stored.iter().map(|(parcel, shelf)| format!("{parcel} = {shelf:?}")).collect();
+            let stored = stored.join(", ");
+            let place = at(location);
+            Some(("arm", format!("{place}, shelves = {shelves:?}, stored = {{ {stored} }}")))
+        }
         BuildingDevice::TagReader { .. } => {
             let parcels = layout.parcels().iter();
             let parcels: Vec<_> = parcels.map(|(name, at)| format!("{name} = {at:?}")).collect();
@@ -190,7 +213,9 @@ fn daemon_of_device(device: &BuildingDevice, layout: &Layout) -> String {
             None => REASONING.to_owned(),
         },
         BuildingDevice::TagReader { .. } => REASONING.to_owned(),
-        BuildingDevice::Door { name, .. } | BuildingDevice::Lift { name, .. } => daemon_of(name),
+        BuildingDevice::Door { name, .. }
+        | BuildingDevice::Lift { name, .. }
+        | BuildingDevice::Arm { name, .. } => daemon_of(name),
         _ => format!("{}-laptop", device.name()),
     }
 }

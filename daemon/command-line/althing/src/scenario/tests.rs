@@ -1,11 +1,17 @@
 //! Tests of the scenarios in both planning modes, in many buildings; scenario 1 on both substrates.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use ::building::{DeathTime, Layout};
+use ::building::{ArmScenario, BuildingEvent, DeathTime, Layout};
+use acl::content::Keep;
 use agent::{AgentSettings, Mode};
+use keyboard::UserEvent;
 
-use super::{Scenario, ScenarioOptions, ScenarioSubstrate, play};
+use super::scenario_run::{ScenarioRun, with_time_limit};
+use super::setting::Setting;
+use super::{Scenario, ScenarioEvent, ScenarioOptions, ScenarioSubstrate, ScenarioTap, play};
 use crate::hosting::DaemonNode;
 
 mod asking;
@@ -132,6 +138,87 @@ async fn parcels_change_the_floor_in_thirty_buildings() {
     check_all(Scenario::Floors, 0..30, ScenarioSubstrate::Memory).await;
 }
 
+/// A robot that stands still is loaded by an arm. Where the arm keeps its parcels, and what it has
+/// gripped, is in no message.
+#[tokio::test(start_paused = true)]
+async fn an_arm_loads_parcels_and_tells_no_shelf_in_thirty_buildings() {
+    for seed in 0..30 {
+        for mode in MODES {
+            let (said, count) =
+                (Arc::new(Mutex::new(String::new())), Arc::new(AtomicUsize::new(0)));
+            let (writer, counter) = (Arc::clone(&said), Arc::clone(&count));
+            let listen = move |key: &str, payload: bytes::Bytes| {
+                let text = String::from_utf8_lossy(&payload).into_owned();
+                counter.fetch_add(usize::from(text.contains("(stored parcel-")), Ordering::Relaxed);
+                let secret = [
+                    "shelf-1", "shelf-2", "shelf-3", "shelf-4", "on-shelf", "gripp", "(grip",
+                    "put-back",
+                ];
+                if secret.iter().any(|word| text.contains(word)) {
+                    writer
+                        .lock()
+                        .expect("no panic while it is held")
+                        .push_str(&(key.to_owned() + &text));
+                }
+            };
+            let script = ScenarioOptions::new(Scenario::Arm, seed, mode, ScenarioSubstrate::Memory);
+            let script = ScenarioOptions { listener: Some(ScenarioTap::new(listen)), ..script };
+            let problems = problems(&script).await;
+            assert!(problems.is_empty(), "{seed} {mode:?}: {problems:#?}");
+            assert!(
+                count.load(Ordering::Relaxed) > 1,
+                "{seed} {mode:?}: nothing is heard of the arm"
+            );
+            let said = said.lock().expect("no panic while it is held");
+            assert!(said.is_empty(), "{seed} {mode:?}: {said}");
+        }
+    }
+}
+
+/// An arm dies when it has loaded the parcel, or when it has gripped it, and comes back then. The robot
+/// is so slow that a dead arm has long left the domain when the parcel is delivered; the goal is then
+/// kept by what the robot tells alone.
+#[tokio::test(start_paused = true)]
+async fn a_parcel_is_delivered_although_the_arm_dies() {
+    let mut layout = Layout::new();
+    layout.add_room("bay", 18.0).and_then(|it| it.add_room("lab", 21.5)).expect("places");
+    layout.connect("bay", "lab", 7.0).expect("a way");
+    layout.add_arm("arm-1", "bay", &["shelf-1"], &[("parcel-1", "shelf-1")]).expect("an arm");
+    layout.add_robot("courier-1", "bay", 0.02).expect("a robot");
+    let (parcel, target) = ("parcel-1".to_owned(), "lab".to_owned());
+    let scenario = ArmScenario { seed: 0, layout, parcel, target };
+    let setting = Setting::new("scenario-7", &scenario.layout).confidential();
+    for (mode, comes_back) in MODES.into_iter().flat_map(|mode| [(mode, false), (mode, true)]) {
+        let mut lines = Vec::new();
+        let mut tell = |event: ScenarioEvent| lines.push(event.text);
+        let script = ScenarioOptions::new(Scenario::Arm, 0, mode, ScenarioSubstrate::Memory);
+        let mut run = ScenarioRun::open(&setting, &script, &mut tell).await.expect("a stage");
+        let played = async {
+            run.await_agents(&setting).await?;
+            run.ask("(parcel-at parcel-1 lab)", Keep::Maintain).await?;
+            let is_time = |event: &BuildingEvent| match comes_back {
+                true => matches!(event, BuildingEvent::Gripped { .. }),
+                false => matches!(event, BuildingEvent::Loaded { .. }),
+            };
+            run.until(|truth| truth.any(is_time)).await?;
+            run.kill("arm-1").await?;
+            if comes_back {
+                run.plug_in("arm-1").await?;
+            }
+            run.until_it_holds().await?;
+            tokio::time::sleep(AgentSettings::default().removal * 3).await;
+            match run.user.events.try_recv() {
+                Ok(UserEvent::Report(_, report)) => Err(report.detail),
+                _ => Ok(()),
+            }
+        };
+        let played = with_time_limit(played).await;
+        let checked = scenario.check(&run.building.truth());
+        run.set.shut_down().await;
+        assert!(played.is_ok() && checked.is_ok(), "{mode}: {played:?} {checked:?} {lines:#?}");
+    }
+}
+
 /// The user is told why no agent suffices, and who acts for whom.
 #[tokio::test(start_paused = true)]
 async fn it_is_explained_who_does_what_for_whom() {
@@ -141,6 +228,7 @@ async fn it_is_explained_who_does_what_for_whom() {
             Scenario::Floors,
             "so that `courier-1` can `(take-out courier-1 parcel-1 lift-1 landing-1)`",
         ),
+        (Scenario::Arm, "so that `arm-1` can `(load arm-1 parcel-1 courier-1 bay)`"),
     ] {
         let mut events = Vec::new();
         let script =
