@@ -280,6 +280,9 @@ impl<'t> Solver<'t> {
         let bound = weight(self.task, &first);
         let mut search =
             AStar::new(self.task, &self.generator, Box::new(evaluator), bound, explorations_max);
+        if !is_asked {
+            search.give_up_if_slow(first.len());
+        }
         let budget = Budget { expansions_max, ..self.budget };
         let result = run(&mut search, budget, self.cancel, tell);
         self.statistics.optimal_expansions = search.expansions();
