@@ -16,6 +16,7 @@ use tokio::time::Instant;
 use crate::directory::Directory;
 use crate::exchange::DeliveryError;
 use crate::receipts;
+use crate::retry_backoff::RetryBackoff;
 use crate::settings::AgentSettings;
 
 /// A message that was given to the outbox and has no receipt yet.
@@ -47,7 +48,7 @@ struct PendingDelivery {
 enum SendState {
     /// The message was sent to the `incarnation` of the receiver; without a receipt it is sent
     /// again at the time `again`.
-    Sent { incarnation: ReceiverIncarnation, again: Instant, wait: Duration },
+    Sent { incarnation: ReceiverIncarnation, again: Instant, backoff: RetryBackoff },
     /// The receiver is not present, and is awaited until the time `until`. `incarnation` is that of
     /// the receiver that was present before, if any.
     Parked { incarnation: Option<ReceiverIncarnation>, until: Instant },
@@ -80,8 +81,8 @@ pub(crate) enum DueAction {
 pub(crate) struct Outbox {
     parcels: BTreeMap<MessageId, PendingDelivery>,
     parcels_max: usize,
-    retry_first: Duration,
-    retry_max: Duration,
+    /// The waits of a message that was not repeated yet.
+    backoff: RetryBackoff,
     grace: Duration,
     lease: Duration,
     numbered: u64,
@@ -92,8 +93,7 @@ impl Outbox {
         Outbox {
             parcels: BTreeMap::new(),
             parcels_max: settings.outbox_messages_max,
-            retry_first: settings.retry_first,
-            retry_max: settings.retry_max,
+            backoff: settings.retry_backoff(),
             grace: settings.grace,
             lease: settings.heartbeat_lease,
             numbered: 0,
@@ -113,11 +113,7 @@ impl Outbox {
             return false;
         }
         let state = match incarnation {
-            Some(incarnation) => SendState::Sent {
-                incarnation,
-                again: now + self.retry_first,
-                wait: self.retry_first,
-            },
+            Some(incarnation) => SendState::sent(incarnation, self.backoff, now),
             // The message is for the incarnation that asked. The presence of that incarnation may
             // not be known here yet; if it is not present after a lease, it is gone. Another
             // incarnation may hold the name by now, and the asking one may return.
@@ -176,7 +172,7 @@ impl Outbox {
     pub(crate) fn joined(&mut self, resident: &Resident, now: Instant) -> Vec<DueAction> {
         let (agent, incarnation) = (&resident.agent, ReceiverIncarnation::from(resident));
         let mut due = Vec::new();
-        let retry_first = self.retry_first;
+        let backoff = self.backoff;
         self.parcels.retain(|id, under_way| {
             if under_way.parcel.to != *agent {
                 return true;
@@ -205,8 +201,7 @@ impl Outbox {
                 return false;
             }
             let incarnation = incarnation.clone();
-            under_way.state =
-                SendState::Sent { incarnation, again: now + retry_first, wait: retry_first };
+            under_way.state = SendState::sent(incarnation, backoff, now);
             due.push((under_way.number, DueAction::Send(under_way.parcel.clone())));
             true
         });
@@ -244,16 +239,15 @@ impl Outbox {
     /// Returns the actions that are due by `now`.
     pub(crate) fn due(&mut self, directory: &Directory, now: Instant) -> Vec<DueAction> {
         let mut due = Vec::new();
-        let (retry_first, retry_max) = (self.retry_first, self.retry_max);
+        let first_backoff = self.backoff;
         self.parcels.retain(|id, under_way| {
             if under_way.due() > now {
                 return true;
             }
             let (parcel, number) = (&under_way.parcel, under_way.number);
             match &mut under_way.state {
-                SendState::Sent { again, wait, .. } if parcel.give_up > now => {
-                    *wait = (*wait * 2).min(retry_max);
-                    *again = now + *wait;
+                SendState::Sent { again, backoff, .. } if parcel.give_up > now => {
+                    *again = now + backoff.next_wait();
                     due.push((number, DueAction::Send(parcel.clone())));
                     return true;
                 }
@@ -267,9 +261,8 @@ impl Outbox {
                     if parcel.give_up > now
                         && let Some(incarnation) = parcel.its_incarnation(directory) =>
                 {
-                    let wait = retry_first;
                     due.push((number, DueAction::Send(parcel.clone())));
-                    under_way.state = SendState::Sent { incarnation, again: now + wait, wait };
+                    under_way.state = SendState::sent(incarnation, first_backoff, now);
                     return true;
                 }
                 SendState::Parked { incarnation, .. } => {
@@ -310,6 +303,18 @@ impl OutboundMessage {
     /// present, or if the message is for any incarnation.
     fn its_incarnation(&self, directory: &Directory) -> Option<ReceiverIncarnation> {
         directory.find_incarnation(&self.to, self.incarnation?).map(ReceiverIncarnation::from)
+    }
+}
+
+impl SendState {
+    /// Returns the state of a message that is sent now for the first time.
+    fn sent(
+        incarnation: ReceiverIncarnation,
+        mut backoff: RetryBackoff,
+        now: Instant,
+    ) -> SendState {
+        let again = now + backoff.next_wait();
+        SendState::Sent { incarnation, again, backoff }
     }
 }
 
@@ -383,7 +388,7 @@ mod tests {
             assert_eq!(words(&outbox.due(&nobody(), next)), ["send"]);
             waits.push((next - start).as_millis());
         }
-        assert_eq!(waits, [100, 300, 700, 1500, 2500, 3500]);
+        assert_eq!(waits, [80, 160, 240, 400, 720, 1360]);
         outbox.received(&MessageId::new("m"));
         assert_eq!(outbox.next_due(), None);
     }

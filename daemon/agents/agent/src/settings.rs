@@ -7,6 +7,7 @@ use std::time::Duration;
 use capability::SilenceLimit;
 use serde::Deserialize;
 
+use crate::retry_backoff::RetryBackoff;
 use crate::role_names::RoleNames;
 
 /// Lease of Zenoh's links. The value repeats `substrate_zenoh::LEASE`, because this crate does not
@@ -48,9 +49,9 @@ pub struct AgentSettings {
     /// How long the objects and facts of an agent stay in the domain model after the agent has
     /// left. At least as long as the grace, so that the plans that need them are repaired first.
     pub removal: Duration,
-    /// First wait for a receipt before a message is sent again. The wait doubles at each retry, up
-    /// to [`AgentSettings::retry_max`]. A round trip on a LAN takes below a millisecond; a busy
-    /// board may take fifty.
+    /// First wait for a receipt before a message is sent again. After some equal waits it doubles at
+    /// each retry, up to [`AgentSettings::retry_max`]. A round trip on a LAN takes below a
+    /// millisecond; a busy board may take fifty.
     pub retry_first: Duration,
     /// Longest wait between two retries. A second loses little time when a link comes back.
     pub retry_max: Duration,
@@ -86,7 +87,7 @@ impl Default for AgentSettings {
             heartbeat_lease: Duration::from_millis(3_500),
             grace: Duration::from_millis(500),
             removal: Duration::from_millis(1_000),
-            retry_first: Duration::from_millis(100),
+            retry_first: Duration::from_millis(80),
             retry_max: Duration::from_millis(1_000),
             proposals_deadline: Duration::from_millis(1_000),
             planning_deadline: Duration::from_secs(10),
@@ -104,6 +105,11 @@ impl AgentSettings {
     /// that the agent itself states.
     pub fn silence_limit(&self) -> SilenceLimit {
         SilenceLimit::new(self.heartbeat_lease, self.heartbeat_period)
+    }
+
+    /// Returns the waits between the repetitions of a message to which there is no answer.
+    pub fn retry_backoff(&self) -> RetryBackoff {
+        RetryBackoff::new(self.retry_first, self.retry_max)
     }
 
     /// Returns how long an agent that starts waits until its name is free. The agents of a daemon

@@ -9,11 +9,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use std::time::Duration;
 
 use acl::content::{Bid, CallForProposals, Outcome, Proposal, Reason, Refusal, Report, value};
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
-use agent::{Context, ExchangeEvent, ExchangeOpening, TimerId};
+use agent::{Context, ExchangeEvent, ExchangeOpening, RetryBackoff, TimerId};
 use goal_lifecycle::{Attempt, GoalEvent, PlanDecision};
 use pddl::{Condition, Plan};
 use planner::Cancel;
@@ -53,7 +52,7 @@ impl PlanRequester {
             CallForProposals { conjuncts: conjuncts.clone(), ..CallForProposals::default() };
         let token = self.open_call(id, None, content, ctx);
         let timer = self.round_timer(id, ctx);
-        let reminder = self.reminder(id, ctx.settings().retry_first, ctx);
+        let reminder = self.reminder(id, ctx.settings().retry_backoff(), ctx);
         let awaited = called.into_iter().map(|agent| (agent, token.clone())).collect();
         let call = ContractNetState {
             attempt,
@@ -118,22 +117,21 @@ impl PlanRequester {
         ctx.after(deadline, move |requester: &mut Self, ctx| requester.close_round(&called, ctx))
     }
 
-    /// Starts the timer that sends the call again to agents that have not answered. The first
-    /// repetition is after the time `after`; the following ones are at doubled intervals until the
-    /// round ends.
+    /// Starts the timer that sends the call again to agents that have not answered, after the waits
+    /// of `backoff`, until the round ends.
     fn reminder(
         &mut self,
         id: &ConversationId,
-        after: Duration,
+        mut backoff: RetryBackoff,
         ctx: &mut Context<Self>,
     ) -> TimerId {
         let called = id.clone();
-        ctx.after(after, move |requester: &mut Self, ctx| {
+        ctx.after(backoff.next_wait(), move |requester: &mut Self, ctx| {
             let Some(call) = requester.calling(&called) else { return };
             for (agent, token) in &call.awaited {
                 ctx.resend_cfp(token, agent);
             }
-            let next = requester.reminder(&called, after * 2, ctx);
+            let next = requester.reminder(&called, backoff, ctx);
             if let Some(call) = requester.calling(&called) {
                 call.reminder = next;
             }
@@ -225,7 +223,7 @@ impl PlanRequester {
         ctx: &mut Context<Self>,
     ) {
         let timer = self.round_timer(id, ctx);
-        let reminder = self.reminder(id, ctx.settings().retry_first, ctx);
+        let reminder = self.reminder(id, ctx.settings().retry_backoff(), ctx);
         let mut awaited = BTreeMap::new();
         for (agent, conjuncts) in wanted {
             let content = CallForProposals { conjuncts, together: true, part: None };

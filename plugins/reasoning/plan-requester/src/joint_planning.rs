@@ -20,7 +20,7 @@ use std::sync::Arc;
 use acl::content::{Bid, CallForProposals, Choice, Outcome, Reason, Refusal, Report, value};
 use acl::fnv::Fnv64;
 use acl::{AgentId, ConversationId, Message, Performative};
-use agent::{Context, TimerId};
+use agent::{Context, RetryBackoff, TimerId};
 use goal_lifecycle::{Attempt, GoalEvent, PlanDecision};
 use pddl::{Condition, Plan};
 use planner::explain::Explanation;
@@ -200,7 +200,7 @@ impl PlanRequester {
         let timer = ctx.after(deadline, move |requester: &mut Self, ctx| {
             requester.agreements_overdue(&asked, ctx);
         });
-        let reminder = self.agreement_reminder(id, ctx.settings().retry_first, ctx);
+        let reminder = self.agreement_reminder(id, ctx.settings().retry_backoff(), ctx);
         let agreed = BTreeMap::new();
         let pending = PendingAgreements { joint, awaited, agreed, timer, reminder };
         state.phase = JointPhase::Agreeing(pending);
@@ -216,21 +216,21 @@ impl PlanRequester {
         }
     }
 
-    /// Starts the timer that asks again the agents that have not answered: first after the time
-    /// `after`, then at doubled intervals.
+    /// Starts the timer that asks again the agents that have not answered, after the waits of
+    /// `backoff`.
     fn agreement_reminder(
         &mut self,
         id: &ConversationId,
-        after: std::time::Duration,
+        mut backoff: RetryBackoff,
         ctx: &mut Context<Self>,
     ) -> TimerId {
         let asked = id.clone();
-        ctx.after(after, move |requester: &mut Self, ctx| {
+        ctx.after(backoff.next_wait(), move |requester: &mut Self, ctx| {
             let Some(pending) = requester.agreeing(&asked) else { return };
             for (agent, token) in &pending.awaited {
                 ctx.resend_cfp(token, agent);
             }
-            let next = requester.agreement_reminder(&asked, after * 2, ctx);
+            let next = requester.agreement_reminder(&asked, backoff, ctx);
             if let Some(pending) = requester.agreeing(&asked) {
                 pending.reminder = next;
             }

@@ -185,7 +185,7 @@ const TIMING: &[SchemaKey] = &[
     key("heartbeat-lease", Shape::Duration, "how long it may be silent"),
     key("grace", Shape::Duration, "how long a plan bears the absence of an agent"),
     key("removal", Shape::Duration, "how long its facts are believed after it left"),
-    key("retry-first", Shape::Duration, "first wait for a receipt"),
+    key("retry-first", Shape::Duration, "each of the first three waits for a receipt"),
     key("retry-max", Shape::Duration, "longest wait for a receipt"),
     key("proposals-deadline", Shape::Duration, "how long bidders have to propose"),
     key("planning-deadline", Shape::Duration, "how long a planner may search"),
