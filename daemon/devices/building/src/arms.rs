@@ -321,7 +321,7 @@ mod tests {
         assert!(load("parcel-2").await.is_err(), "the robot carries a parcel");
     }
 
-    /// An arm whose entry in the file has changed is removed and added again.
+    /// If the entry of an arm in the file changes, the arm is removed and added again.
     #[tokio::test(start_paused = true)]
     async fn an_arm_that_is_added_again_takes_no_parcel_back() {
         let building = Building::new(layout(), 1.0).unwrap();

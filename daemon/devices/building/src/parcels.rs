@@ -103,6 +103,13 @@ impl Truth {
         self.parcels.iter().find(|(_, place)| is_on(place)).map(|(parcel, _)| parcel.as_str())
     }
 
+    /// Returns a text that says where a parcel is, if it is not in `room`.
+    pub(crate) fn misplaced(&self, parcel: &str, room: &str) -> Option<String> {
+        let place = self.parcel(parcel);
+        let is_there = matches!(place, Some(ParcelPlace::At(at)) if at == room);
+        (!is_there).then(|| format!("`{parcel}` is not at `{room}`, but {place:?}"))
+    }
+
     /// Puts the devices of this module and the parcels in their places at the start.
     pub(crate) fn furnish(&mut self) {
         for device in self.layout.devices() {

@@ -8,7 +8,6 @@ use serde::Serialize;
 use crate::draw::ROOMS;
 use crate::error::LayoutError;
 use crate::layout::Layout;
-use crate::parcel_place::ParcelPlace;
 use crate::replay::replay;
 use crate::seeded_random::Random;
 use crate::truth::{BuildingEvent, Truth};
@@ -54,10 +53,7 @@ impl FloorsScenario {
     /// Returns a text for each way in which the scenario failed.
     pub fn check(&self, truth: &Truth) -> Result<(), Vec<String>> {
         let mut problems = replay(&self.layout, truth).problems;
-        let place = truth.parcel(PARCEL);
-        if place != Some(&ParcelPlace::At(self.target.clone())) {
-            problems.push(format!("`{PARCEL}` is not at `{}`, but {place:?}", self.target));
-        }
+        problems.extend(truth.misplaced(PARCEL, &self.target));
         let mut carriers: Vec<&String> = Vec::new();
         let mut is_moved_between = false;
         for occurrence in truth.occurrences() {

@@ -10,7 +10,6 @@ use serde::Serialize;
 use crate::draw::LayoutDraw;
 use crate::error::LayoutError;
 use crate::layout::{BuildingDevice, Layout};
-use crate::parcel_place::ParcelPlace;
 use crate::replay::replay;
 use crate::truth::{BuildingEvent, Truth};
 
@@ -61,10 +60,7 @@ impl ArmScenario {
     /// Returns a text for each way in which the scenario failed.
     pub fn check(&self, truth: &Truth) -> Result<(), Vec<String>> {
         let mut problems = replay(&self.layout, truth).problems;
-        let place = truth.parcel(&self.parcel);
-        if place != Some(&ParcelPlace::At(self.target.clone())) {
-            problems.push(format!("`{}` is not at `{}`, but {place:?}", self.parcel, self.target));
-        }
+        problems.extend(truth.misplaced(&self.parcel, &self.target));
         let loaded = truth.occurrences().rev().find_map(|occurrence| match &occurrence.event {
             BuildingEvent::Loaded { robot, parcel, .. } if *parcel == self.parcel => {
                 Some((robot, occurrence.sequence))

@@ -12,6 +12,7 @@ mod stop;
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -241,6 +242,13 @@ pub struct Method {
 }
 
 impl Method {
+    /// Creates a method. Each argument is its name and its value, as in [`Method::arguments`].
+    pub fn new(method: &str, arguments: &[(&str, &str)], timeout: Duration) -> Method {
+        let argument = |(name, value): &(&str, &str)| ((*name).to_owned(), (*value).to_owned());
+        let arguments = arguments.iter().map(argument).collect();
+        Method { method: method.to_owned(), arguments, timeout: Millis(timeout) }
+    }
+
     /// Returns the arguments of the method for the given values of the action's parameters. The keys are
     /// names of parameters, in lower case and without `?`.
     ///

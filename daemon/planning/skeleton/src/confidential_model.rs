@@ -93,8 +93,8 @@ impl ConfidentialModel {
     }
 
     /// Returns a fact of the agent as it announces it; `None` if it announces nothing of it. `knows` says
-    /// whether another agent declares an object: what nobody declares may be private, and is not told in
-    /// a private fact.
+    /// whether another agent declares an object. An object that no other agent declares may be private,
+    /// so a private fact about it is not announced.
     #[must_use]
     pub fn announced_fact(
         &self,

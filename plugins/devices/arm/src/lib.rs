@@ -11,7 +11,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::Millis;
 use acl::content::Method;
 use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
@@ -91,6 +90,32 @@ struct Arm {
     places: Arc<watch::Sender<Option<ParcelPlaces>>>,
 }
 
+/// A movement of the arm, as a call of a method requests it.
+struct ArmMovement {
+    /// Name of the parcel.
+    parcel: String,
+    kind: MovementKind,
+}
+
+enum MovementKind {
+    Grip,
+    PutBack { shelf: String },
+    Load { robot: String },
+}
+
+impl ArmMovement {
+    fn of(call: &MethodCall) -> Result<ArmMovement, MethodFailure> {
+        let argument = |name| call.argument(name).map(str::to_owned);
+        let kind = match call.method.as_str() {
+            GRIP => MovementKind::Grip,
+            PUT_BACK => MovementKind::PutBack { shelf: argument("shelf")? },
+            LOAD => MovementKind::Load { robot: argument("robot")? },
+            unknown => return Err(MethodFailure::UnknownMethod(unknown.to_owned())),
+        };
+        Ok(ArmMovement { parcel: argument("parcel")?, kind })
+    }
+}
+
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { location, shelves, stored } = blueprint.config_as()?;
     if shelves.is_empty() {
@@ -130,16 +155,6 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         places: Arc::new(watch::Sender::new(None)),
     };
     Actuator::build(&blueprint, arm)
-}
-
-/// Returns a method of the arm; each argument is its name, and the parameter of the action.
-fn method(name: &str, arguments: &[(&str, &str)]) -> Method {
-    let argument = |(name, value): &(&str, &str)| ((*name).to_owned(), (*value).to_owned());
-    Method {
-        method: name.to_owned(),
-        arguments: arguments.iter().map(argument).collect(),
-        timeout: Millis(MOVEMENT_MAX),
-    }
 }
 
 fn driver_failure(error: DeviceError) -> MethodFailure {
@@ -202,6 +217,7 @@ impl Device for Arm {
                 (:init (stands-at {id} {location}) {reached})
                 {ACTIONS})"
         );
+        let method = |name: &str, arguments: &[_]| Method::new(name, arguments, MOVEMENT_MAX);
         let methods = [
             ("grip".to_owned(), method(GRIP, &[("parcel", "?p")])),
             ("put-back".to_owned(), method(PUT_BACK, &[("parcel", "?p"), ("shelf", "?s")])),
@@ -244,33 +260,22 @@ impl Device for Arm {
     }
 
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<(), MethodFailure>> {
-        let other = match call.method.as_str() {
-            GRIP => None,
-            PUT_BACK => Some("shelf"),
-            LOAD => Some("robot"),
-            unknown => {
-                let unknown = MethodFailure::UnknownMethod(unknown.to_owned());
-                return Box::pin(std::future::ready(Err(unknown)));
-            }
-        };
-        let argument = |name| call.argument(name).map(str::to_owned);
-        let (parcel, other) = (argument("parcel"), other.map(argument).transpose());
-        let (building, id, method) =
-            (Arc::clone(&self.building), self.id.clone(), call.method.clone());
+        let movement = ArmMovement::of(call);
+        let (building, id) = (Arc::clone(&self.building), self.id.clone());
         let places = Arc::clone(&self.places);
         Box::pin(async move {
-            let (parcel, other) = (parcel?, other?.unwrap_or_default());
-            let place = match method.as_str() {
-                GRIP => {
+            let ArmMovement { parcel, kind } = movement?;
+            let place = match kind {
+                MovementKind::Grip => {
                     building.grip(&id, &parcel).await.map_err(driver_failure)?;
-                    Some(ParcelPlace::On(id.clone()))
+                    Some(ParcelPlace::On(id))
                 }
-                PUT_BACK => {
-                    building.put_back(&id, &parcel, &other).await.map_err(driver_failure)?;
-                    Some(ParcelPlace::Stored { arm: id.clone(), shelf: other })
+                MovementKind::PutBack { shelf } => {
+                    building.put_back(&id, &parcel, &shelf).await.map_err(driver_failure)?;
+                    Some(ParcelPlace::Stored { arm: id, shelf })
                 }
-                _ => {
-                    building.load(&id, &parcel, &other).await.map_err(loading_failure)?;
+                MovementKind::Load { robot } => {
+                    building.load(&id, &parcel, &robot).await.map_err(loading_failure)?;
                     None
                 }
             };

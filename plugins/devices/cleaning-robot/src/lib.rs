@@ -12,7 +12,6 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::Millis;
 use acl::content::{Method, Refusal};
 use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
@@ -137,14 +136,9 @@ impl Device for CleaningRobot {
 
     fn describe(&self) -> Description {
         let CleaningRobot { id, ontology, base, home, .. } = self;
-        let method = |name: &str, timeout| Method {
-            method: name.to_owned(),
-            arguments: [].into(),
-            timeout: Millis(timeout),
-        };
         let mut methods = base.methods();
-        methods.insert("sweep".to_owned(), method(SWEEP, SWEEPING_MAX));
-        methods.insert("empty-bin".to_owned(), method(EMPTY_BIN, EMPTYING_MAX));
+        methods.insert("sweep".to_owned(), Method::new(SWEEP, &[], SWEEPING_MAX));
+        methods.insert("empty-bin".to_owned(), Method::new(EMPTY_BIN, &[], EMPTYING_MAX));
         let (objects, lasting, moving) = (base.objects(), base.model_facts(), base.actions(""));
         let (predicates, functions) = (base.predicates(), base.functions());
         // A place without lanes cannot be swept.

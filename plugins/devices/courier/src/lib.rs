@@ -8,7 +8,6 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::Millis;
 use acl::content::{Method, Refusal};
 use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
@@ -70,19 +69,19 @@ struct Courier {
     ontology: String,
     base: MobileBase,
     building: Arc<BuildingHandle>,
-    parcels: Arc<watch::Sender<CarriedParcels>>,
     has_tray: bool,
-    /// The place where it stands still to be loaded; `None` if it does not wait for that.
-    holding_still_at: Arc<watch::Sender<Option<String>>>,
+    load: Arc<watch::Sender<CourierLoad>>,
 }
 
-/// The parcels of a courier.
+/// What a courier carries, or waits for.
 #[derive(Default)]
-struct CarriedParcels {
+struct CourierLoad {
     /// Name of the carried parcel; `None` if it carries none.
-    now: Option<String>,
+    carried: Option<String>,
+    /// The place where it stands still to be loaded; `None` if it does not wait for that.
+    holding_still_at: Option<String>,
     /// Names of the parcels that it has carried since its start, the newest last.
-    since_start: VecDeque<String>,
+    carried_before: VecDeque<String>,
 }
 
 /// The result of a method of the courier.
@@ -93,18 +92,26 @@ enum CourierResult {
     HoldsStill(Option<String>),
 }
 
-// === impl CarriedParcels ===
+// === impl CourierLoad ===
 
-impl CarriedParcels {
-    /// Sets the carried parcel.
-    fn carry(&mut self, parcel: Option<String>) {
-        if let Some(parcel) = parcel.as_ref().filter(|parcel| !self.since_start.contains(parcel)) {
-            self.since_start.push_back(parcel.clone());
-            if self.since_start.len() > DECLARED_MAX {
-                self.since_start.pop_front();
+impl CourierLoad {
+    /// Sets the carried parcel, and where the courier stands still to be loaded.
+    fn set(&mut self, carried: Option<String>, holding_still_at: Option<String>) {
+        (self.carried, self.holding_still_at) = (carried, holding_still_at);
+        if let Some(parcel) = &self.carried
+            && !self.carried_before.contains(parcel)
+        {
+            self.carried_before.push_back(parcel.clone());
+            if self.carried_before.len() > DECLARED_MAX {
+                self.carried_before.pop_front();
             }
         }
-        self.now = parcel;
+    }
+
+    /// Sets the carried parcel as a look has found it. A courier that is loaded does not wait for it.
+    fn look(&mut self, carried: Option<String>) {
+        let holding_still_at = self.holding_still_at.take().filter(|_| carried.is_none());
+        self.set(carried, holding_still_at);
     }
 }
 
@@ -121,9 +128,8 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         ontology: blueprint.host.ontology.name.to_string(),
         base: MobileBase::new(&blueprint, "courier", base)?,
         building,
-        parcels: Arc::default(),
         has_tray: tray,
-        holding_still_at: Arc::new(watch::Sender::new(None)),
+        load: Arc::default(),
     };
     Actuator::build(&blueprint, courier)
 }
@@ -174,34 +180,25 @@ impl Courier {
         let place = call.argument("place").map(str::to_owned);
         let (is_begun, here) = (call.method == HOLD_STILL, self.base.place());
         let (building, id) = (Arc::clone(&self.building), self.id.clone());
-        let parcels = Arc::clone(&self.parcels);
-        let holding_still_at = Arc::clone(&self.holding_still_at);
+        let load = Arc::clone(&self.load);
         Box::pin(async move {
             let place = place?;
             let parcel = building.carried_by(&id).await;
             let parcel = parcel.map_err(|error| MethodFailure::Driver(error.to_string()))?;
-            parcels.send_modify(|parcels| parcels.carry(parcel.clone()));
-            if !is_begun {
-                holding_still_at.send_replace(None);
-                return match parcel {
-                    None => Ok(CourierResult::HoldsStill(None)),
-                    Some(parcel) => {
-                        let problem = format!("move on with free hands: it carries `{parcel}`");
-                        Err(MethodFailure::Hindered(problem))
-                    }
-                };
+            let problem = match &parcel {
+                Some(parcel) => Some(format!("carry nothing: it carries `{parcel}`")),
+                None if is_begun && here.as_ref() != Some(&place) => {
+                    let here = here.as_deref().unwrap_or("a place that it does not know");
+                    Some(format!("stand still at `{place}`: it is at `{here}`"))
+                }
+                None => None,
+            };
+            let holding_still_at = Some(place).filter(|_| is_begun && problem.is_none());
+            load.send_modify(|load| load.set(parcel, holding_still_at.clone()));
+            match problem {
+                Some(problem) => Err(MethodFailure::Hindered(problem)),
+                None => Ok(CourierResult::HoldsStill(holding_still_at)),
             }
-            if here.as_ref() != Some(&place) {
-                let here = here.as_deref().unwrap_or("a place that it does not know");
-                let problem = format!("stand still at `{place}`: it is at `{here}`");
-                return Err(MethodFailure::Hindered(problem));
-            }
-            if let Some(parcel) = parcel {
-                let problem = format!("wait to be loaded: it carries `{parcel}`");
-                return Err(MethodFailure::Hindered(problem));
-            }
-            holding_still_at.send_replace(Some(place.clone()));
-            Ok(CourierResult::HoldsStill(Some(place)))
         })
     }
 
@@ -210,19 +207,18 @@ impl Courier {
     fn drive(&mut self, call: &MethodCall) -> BoxFuture<Result<CourierResult, MethodFailure>> {
         let moved = self.base.perform(call);
         let (building, id) = (Arc::clone(&self.building), self.id.clone());
-        let parcels = Arc::clone(&self.parcels);
-        let holding_still_at = Arc::clone(&self.holding_still_at);
+        let load = Arc::clone(&self.load);
         Box::pin(async move {
-            let look = async || {
-                if let Ok(parcel) = building.carried_by(&id).await {
-                    parcels.send_modify(|parcels| parcels.carry(parcel));
-                }
-            };
-            if holding_still_at.borrow().is_none() {
+            if load.borrow().holding_still_at.is_none() {
                 return moved.await.map(CourierResult::Moved);
             }
+            let look = async || {
+                if let Ok(parcel) = building.carried_by(&id).await {
+                    load.send_modify(|load| load.look(parcel));
+                }
+            };
             look().await;
-            holding_still_at.send_replace(None);
+            load.send_modify(|load| load.holding_still_at = None);
             let moved = moved.await;
             // The arm may have ended loading at the last moment before the departure.
             look().await;
@@ -236,14 +232,7 @@ impl Device for Courier {
 
     fn describe(&self) -> Description {
         let Courier { id, ontology, base, .. } = self;
-        let method = |name: &str, arguments: &[(&str, &str)]| {
-            let argument = |(name, value): &(&str, &str)| ((*name).to_owned(), (*value).to_owned());
-            Method {
-                method: name.to_owned(),
-                arguments: arguments.iter().map(argument).collect(),
-                timeout: Millis(HANDLING_MAX),
-            }
-        };
+        let method = |name: &str, arguments: &[_]| Method::new(name, arguments, HANDLING_MAX);
         let mut methods = base.methods();
         for action in ["take-up", "take-out"] {
             methods.insert(action.to_owned(), method(TAKE_UP, &[("parcel", "?p")]));
@@ -260,7 +249,7 @@ impl Device for Courier {
         // The arm that has loaded a parcel may leave. What the courier has told of the parcel counts
         // only as long as some agent declares it.
         if self.has_tray {
-            for parcel in &self.parcels.borrow().since_start {
+            for parcel in &self.load.borrow().carried_before {
                 objects += &format!(" {parcel} - parcel");
             }
         }
@@ -288,7 +277,8 @@ impl Device for Courier {
 
     fn facts(&self) -> Vec<OwnFact> {
         let Courier { id, base, .. } = self;
-        let hands = match (&self.parcels.borrow().now, &*self.holding_still_at.borrow()) {
+        let load = self.load.borrow();
+        let hands = match (&load.carried, &load.holding_still_at) {
             (Some(parcel), _) => format!("(carrying {id} {parcel})"),
             (None, Some(place)) if base.place().as_ref() == Some(place) => {
                 format!("(holding-still {id} {place})")
@@ -312,8 +302,7 @@ impl Device for Courier {
             _ => return self.drive(call),
         };
         let (building, id) = (Arc::clone(&self.building), self.id.clone());
-        let parcels = Arc::clone(&self.parcels);
-        let holding_still_at = Arc::clone(&self.holding_still_at);
+        let load = Arc::clone(&self.load);
         Box::pin(async move {
             let (take, lift) = (take?, lift.transpose()?);
             let done = match &take {
@@ -321,8 +310,7 @@ impl Device for Courier {
                 None => building.set_down(&id, lift.as_deref()).await,
             };
             done.map_err(|error| MethodFailure::Driver(error.to_string()))?;
-            parcels.send_modify(|parcels| parcels.carry(take.clone()));
-            holding_still_at.send_replace(None);
+            load.send_modify(|load| load.set(take.clone(), None));
             Ok(CourierResult::Carries(take))
         })
     }
@@ -348,11 +336,11 @@ impl Device for Courier {
 
     fn read_state(&self) -> Option<BoxFuture<()>> {
         let (building, id) = (Arc::clone(&self.building), self.id.clone());
-        let (parcels, located) = (Arc::clone(&self.parcels), self.base.locate());
+        let (load, located) = (Arc::clone(&self.load), self.base.locate());
         Some(Box::pin(async move {
             located.await;
             if let Ok(parcel) = building.carried_by(&id).await {
-                parcels.send_modify(|parcels| parcels.carry(parcel));
+                load.send_modify(|load| load.look(parcel));
             }
         }))
     }
@@ -364,24 +352,23 @@ impl Device for Courier {
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<Courier>>> {
         let wish = self.base.next_initiative();
         let (building, id) = (Arc::clone(&self.building), self.id.clone());
-        let parcels = Arc::clone(&self.parcels);
-        let holding_still_at = Arc::clone(&self.holding_still_at);
+        let load = Arc::clone(&self.load);
         let differs = async move {
-            let mut waits = holding_still_at.subscribe();
+            let mut changes = load.subscribe();
             let mut quick_looks = LOADING_LOOKS;
             loop {
-                let is_waiting = waits.borrow_and_update().is_some() && quick_looks > 0;
+                let known = changes.borrow_and_update().carried.clone();
+                let is_waiting = changes.borrow().holding_still_at.is_some() && quick_looks > 0;
                 quick_looks = quick_looks.saturating_sub(u32::from(is_waiting));
                 let interval = if is_waiting { LOADING_INTERVAL } else { LOOK_INTERVAL };
                 tokio::select! {
                     () = tokio::time::sleep(interval) => (),
                     // The sender is held above, so there is no error.
-                    _ = waits.changed() => {
+                    _ = changes.changed() => {
                         quick_looks = LOADING_LOOKS;
                         continue;
                     }
                 }
-                let known = parcels.borrow().now.clone();
                 match building.carried_by(&id).await {
                     Ok(now) if now != known => return (known, now),
                     _ => (),
@@ -393,11 +380,8 @@ impl Device for Courier {
                 () = wish => Box::new(|robot| robot.base.take_initiatives()),
                 (known, now) = differs => Box::new(move |robot| {
                     // What a method has changed meanwhile is known already.
-                    if robot.parcels.borrow().now == known {
-                        if now.is_some() {
-                            robot.holding_still_at.send_replace(None);
-                        }
-                        robot.parcels.send_modify(|parcels| parcels.carry(now));
+                    if robot.load.borrow().carried == known {
+                        robot.load.send_modify(|load| load.look(now));
                     }
                     Vec::new()
                 }),

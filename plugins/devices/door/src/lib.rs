@@ -7,7 +7,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::Millis;
 use acl::content::Method;
 use actuator::{
     Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
@@ -94,11 +93,6 @@ impl Device for Door {
     fn describe(&self) -> Description {
         let Door { id, ontology, .. } = self;
         let lasting = self.lasting();
-        let method = |name: &str| Method {
-            method: name.to_owned(),
-            arguments: [].into(),
-            timeout: Millis(MOVING_MAX),
-        };
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
                 (:types door - agent)
@@ -119,7 +113,8 @@ impl Device for Door {
                         (not (connected ?b ?a)) (increase (total-cost) 1))))"
         );
         let methods = [("open-door", OPEN), ("close-door", CLOSE)];
-        let methods = methods.map(|(action, name)| (action.to_owned(), method(name)));
+        let methods =
+            methods.map(|(action, name)| (action.to_owned(), Method::new(name, &[], MOVING_MAX)));
         Description { model: model_of(&text), methods: methods.into() }
     }
 

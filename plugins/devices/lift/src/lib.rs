@@ -7,7 +7,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::Millis;
 use acl::content::Method;
 use actuator::{
     Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
@@ -96,11 +95,7 @@ impl Device for Lift {
                     :effect (and (not (cabin-at ?c ?from)) (cabin-at ?c ?to)
                         (increase (total-cost) 2))))"
         );
-        let method = Method {
-            method: SEND.to_owned(),
-            arguments: [("to".to_owned(), "?to".to_owned())].into(),
-            timeout: Millis(TRIP_MAX),
-        };
+        let method = Method::new(SEND, &[("to", "?to")], TRIP_MAX);
         Description { model: model_of(&text), methods: [("send-cabin".to_owned(), method)].into() }
     }
 

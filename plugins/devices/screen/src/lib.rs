@@ -33,7 +33,6 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use acl::Millis;
 use acl::content::{Achieve, Keep, Method, Methods};
 use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, Initiative, MethodCall, MethodFailure,
@@ -231,11 +230,7 @@ impl Device for Screen {
                 (:init (screen-in {id} {location}))
                 {actions})"
         );
-        let method = |name: &str, arguments: &[(&str, &str)]| Method {
-            method: name.to_owned(),
-            arguments: arguments.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect(),
-            timeout: Millis(SHOWING_TIME_MAX),
-        };
+        let method = |name: &str, arguments: &[_]| Method::new(name, arguments, SHOWING_TIME_MAX);
         let methods: Methods = [
             ("set-up".to_owned(), method("allocate", &[])),
             ("present".to_owned(), method("show", &[("media", "?m")])),

@@ -1,5 +1,5 @@
-//! How an actuator whose model declares something `:private` carries out what others request
-//! (`privacy = "agents"`): they request announced actions, and it does its private steps for them.
+//! Private steps (`privacy = "agents"`): other agents request an announced action, and the actuator
+//! carries out the private steps that belong to it.
 //!
 //! - The private steps of an action are planned when the action is requested, and again after each of
 //!   them until the action itself is done, from the state of the device and of the world at that

@@ -24,8 +24,7 @@ pub(super) async fn play_doors(
     let scenario = ParcelScenario::seeded(script.seed);
     let (parcel, robot, room) = (scenario.parcel(), scenario.robot(), scenario.target.clone());
     let verdict = format!("{robot} has brought {parcel} to {room}, through a door that was opened");
-    let (layout, parcel) = (scenario.layout.clone(), parcel.to_owned());
-    let setting = Setting::new("scenario-5", &layout);
+    let (setting, parcel) = (Setting::new("scenario-5", &scenario.layout), parcel.to_owned());
     let delivery = ParcelErrand { parcel, room, verdict };
     play(script, (setting, delivery), |truth| scenario.check(truth), tell).await
 }
@@ -38,8 +37,7 @@ pub(super) async fn play_floors(
     let scenario = FloorsScenario::seeded(script.seed);
     let (parcel, lift, room) = (scenario.parcel(), scenario.lift(), scenario.target.clone());
     let verdict = format!("two robots and {lift} have brought {parcel} to {room}");
-    let (layout, parcel) = (scenario.layout.clone(), parcel.to_owned());
-    let setting = Setting::new("scenario-6", &layout);
+    let (setting, parcel) = (Setting::new("scenario-6", &scenario.layout), parcel.to_owned());
     let delivery = ParcelErrand { parcel, room, verdict };
     play(script, (setting, delivery), |truth| scenario.check(truth), tell).await
 }

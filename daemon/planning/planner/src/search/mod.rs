@@ -14,6 +14,7 @@ pub(crate) mod lazy;
 pub(crate) mod neighborhood;
 mod open;
 pub(crate) mod optimal;
+mod outlook;
 pub(crate) mod portfolio;
 pub(crate) mod restarts;
 mod types;

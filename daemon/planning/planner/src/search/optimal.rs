@@ -4,11 +4,12 @@
 //! none, the plan with the weight of the bound is optimal.
 //!
 //! A search with a bound and with limited work also gives up when its lower bound rises so slowly that
-//! the rest of the work will not suffice (`AStar::is_too_slow`).
+//! the rest of the work will not suffice (`outlook`).
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use super::outlook::SearchOutlook;
 use super::{Search, SearchStep};
 use crate::heuristic::{Evaluator, Weights};
 use crate::outcome::StopReason;
@@ -16,24 +17,6 @@ use crate::progression::Progression;
 use crate::state::{StateId, StateSpace, all_hold};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
-
-/// A search is not given up unless it has spent this share of its work without getting nearer to the
-/// goal, by the heuristic. A search whose heuristic is nearly exact gets nearer all the time, and its
-/// lower bound need not rise.
-const OUTLOOK_AFTER: f64 = 0.1;
-
-/// A search that has spent a share of its work must have raised its lower bound by this times the same
-/// share of the way to the bound, but by no more than [`OUTLOOK_SHARE_MAX`] of it. The work per unit
-/// grows with each unit, so a search that will end in time has come much further. Of 174 proofs for the
-/// first three tasks of each folder of the competitions this gives up 2, and it ends 79 of the 89
-/// searches without a proof early.
-const OUTLOOK_SHARE: f64 = 1.2;
-
-/// See [`OUTLOOK_SHARE`].
-const OUTLOOK_SHARE_MAX: f64 = 0.35;
-
-/// A search whose lower bound is within this number of average steps of the bound is not given up.
-const OUTLOOK_STEPS_MIN: f64 = 4.0;
 
 /// Entry of the open list: the state's `f`, its `h`, its id, and its `g` at the time of queueing.
 /// Entries are sorted by the smallest `f`, then by the smallest `h`, then by the newest state.
@@ -62,13 +45,8 @@ pub(crate) struct AStar<'t> {
     explorations_max: u64,
     explorations: u64,
     expansions: u64,
-    /// The lower bound for the cost of all plans at the first expansion.
-    first_lower_bound: u64,
-    /// The least estimate of an expanded state, and the explorations that were spent when it was found.
-    nearest: (u64, u64),
-    /// Average weight of a step of the plan that has the weight of the bound; `None` if the search is
-    /// not given up early.
-    mean_step: Option<f64>,
+    /// Whether the rest of the work will suffice; `None` if the search goes on in any case.
+    outlook: Option<SearchOutlook>,
     is_given_up: bool,
     /// Whether a state was dropped because its weight exceeds the range of `u64`.
     has_overflowed: bool,
@@ -108,9 +86,7 @@ impl<'t> AStar<'t> {
             explorations_max,
             explorations: 0,
             expansions: 0,
-            first_lower_bound: 0,
-            nearest: (u64::MAX, 0),
-            mean_step: None,
+            outlook: None,
             is_given_up: false,
             has_overflowed: false,
             successor: Vec::new(),
@@ -123,20 +99,7 @@ impl<'t> AStar<'t> {
     /// Lets the search give up when its lower bound rises too slowly. `steps` is the number of steps of
     /// the plan that has the weight of the bound.
     pub(crate) fn give_up_if_slow(&mut self, steps: usize) {
-        self.mean_step = Some(self.bound as f64 / steps.max(1) as f64);
-    }
-
-    /// Whether the rest of the work will not suffice, as far as can be seen: whether the lower bound
-    /// `f` has come too short a way from its first value to the bound for the work that is spent.
-    fn is_too_slow(&self, f: u64) -> bool {
-        let Some(mean_step) = self.mean_step.filter(|_| self.expansions > 0) else { return false };
-        let share = |explorations: u64| explorations as f64 / self.explorations_max as f64;
-        let spent = share(self.explorations);
-        let left = self.bound.saturating_sub(f) as f64;
-        let way = self.bound.saturating_sub(self.first_lower_bound) as f64;
-        share(self.explorations - self.nearest.1) >= OUTLOOK_AFTER
-            && left >= OUTLOOK_STEPS_MIN * mean_step
-            && way - left < (OUTLOOK_SHARE * spent).min(OUTLOOK_SHARE_MAX) * way
+        self.outlook = Some(SearchOutlook::new(self.bound, steps, self.explorations_max));
     }
 
     fn queue(&mut self, id: StateId, g: u64, h: u64, f: u64) {
@@ -206,7 +169,7 @@ impl Search for AStar<'_> {
         if g > self.distances[id.0 as usize] {
             return SearchStep::InProgress;
         }
-        if self.is_too_slow(f) {
+        if self.outlook.as_ref().is_some_and(|it| it.is_hopeless(f, self.explorations)) {
             self.is_given_up = true;
             return SearchStep::Exhausted;
         }
@@ -223,11 +186,8 @@ impl Search for AStar<'_> {
         if all_hold(state, &self.task.goal) {
             return SearchStep::Solved(self.space.path(id));
         }
-        if self.expansions == 0 {
-            self.first_lower_bound = f;
-        }
-        if h < self.nearest.0 {
-            self.nearest = (h, self.explorations);
+        if let Some(outlook) = &mut self.outlook {
+            outlook.note_expansion(f, h, self.explorations);
         }
         self.expansions += 1;
         let mut applicable = std::mem::take(&mut self.applicable);
