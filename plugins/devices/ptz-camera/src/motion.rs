@@ -32,7 +32,7 @@ use crate::seen::{Seen, first_connection, next_news};
 const ACTING_TIME_MAX: Duration = Duration::from_secs(15);
 
 /// Time for which a picture is asked for again, and the pause before each repetition.
-const RETRY_MAX: Duration = Duration::from_secs(4);
+const RETRY_MAX: Duration = Duration::from_secs(10);
 const RETRY_INTERVAL: Duration = Duration::from_millis(200);
 
 /// Settings of the driver.
@@ -163,7 +163,10 @@ impl Shared {
             match servers.pictures.picture(&path).await {
                 Ok(picture) => return Ok(picture),
                 Err(error) if Instant::now() >= until => return Err(error.to_string()),
-                Err(_) => tokio::time::sleep(RETRY_INTERVAL).await,
+                Err(_) => {
+                    tokio::time::sleep(RETRY_INTERVAL).await;
+                    self.seen.borrow().problem.clone().map_or(Ok(()), Err)?;
+                }
             }
         }
     }
