@@ -128,17 +128,18 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     for (position, shelf) in shelves.iter().enumerate() {
         let name = shelf.as_str();
         let taken = if blueprint.host.map.objects.iter().any(|it| it.object.name == *name) {
-            "the map"
+            "a thing on the map"
         } else if name == blueprint.id.as_str() {
             "the arm"
         } else if stored.contains_key(name) {
             "a parcel"
         } else if shelves[..position].contains(shelf) {
-            "another shelf"
+            "named before"
         } else {
             continue;
         };
-        return Err(blueprint.problem(format!("the shelf `{name}` has a name of {taken}")));
+        let problem = format!("`shelves` names `{name}`, which is {taken}; choose another name");
+        return Err(blueprint.problem(problem));
     }
     let parcels = stored.into_keys().map(PlaceName::try_from).collect::<Result<_, _>>();
     let parcels = parcels.map_err(|error| blueprint.problem(format!("stored: {error}")))?;
