@@ -3,6 +3,7 @@
 mod committing;
 mod event_pacing;
 mod hardware_stops;
+mod joint_acting;
 mod open_initiatives;
 mod private_steps;
 mod safeguarding;
@@ -27,6 +28,7 @@ use planner::{Cancel, Replanner};
 use substrate::BoxFuture;
 use tokio::sync::oneshot;
 
+use crate::actuator::joint_acting::JointProgress;
 use crate::actuator::open_initiatives::OpenInitiatives;
 use crate::actuator::private_steps::PrivateProgress;
 use crate::actuator::stopping::StandingStill;
@@ -105,9 +107,25 @@ struct AnnouncedModel {
     digest: String,
     /// The facts of the last heartbeat; empty unless the actuator keeps something from others.
     told_facts: Vec<OwnFact>,
-    /// The announced actions, each with the method that carries it out.
-    offered: Box<[(String, Method)]>,
+    /// The announced actions that have a method.
+    offered: Box<[AnnouncedAction]>,
     sequence: u64,
+}
+
+/// An announced action.
+struct AnnouncedAction {
+    name: String,
+    method: Method,
+    /// Number of agents that act in it. They are the first arguments.
+    agents: usize,
+}
+
+/// What an actuator announced of an action that is asked for.
+struct Admission {
+    /// Time limit of the method that carries the action out.
+    timeout: Duration,
+    /// The other agents of a joint action.
+    partners: Vec<AgentId>,
 }
 
 /// How long a running action waits for a new requester after the former one has stood down. A new
@@ -129,6 +147,8 @@ struct RunningCommand {
     call: Option<MethodCall>,
     /// How far an action with private steps is; `None` for any other action.
     private: Option<PrivateProgress>,
+    /// How far the actuator is with its part of a joint action; `None` for any other action.
+    joint: Option<JointProgress>,
     _work: WorkHandle,
 }
 
@@ -252,10 +272,11 @@ impl Agent for Actuator {
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         self.plan_requester_joined(presence, ctx);
+        self.partner_left(presence, ctx);
     }
 
     fn wants_presence(&self) -> bool {
-        self.has_wanted_goals()
+        self.has_wanted_goals() || self.has_partners()
     }
 
     fn answer_query(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {
@@ -310,10 +331,12 @@ impl Actuator {
         let Description { model, methods } = description;
         let text = model.to_string();
         self.announced.digest = model_digest(&text, &methods);
-        let named =
-            model.actions.iter().filter_map(|action| methods.get_key_value(action.name.as_str()));
-        self.announced.offered =
-            named.map(|(name, method)| (name.clone(), method.clone())).collect();
+        let announced = model.actions.iter().filter_map(|action| {
+            let (name, method) = methods.get_key_value(action.name.as_str())?;
+            let agents = action.agents().count();
+            Some(AnnouncedAction { name: name.clone(), method: method.clone(), agents })
+        });
+        self.announced.offered = announced.collect();
         let heartbeat = self.heartbeat(ctx);
         let announcement = ModelAnnouncement { model: text, methods, heartbeat };
         ctx.broadcast_state(&Inform::Model(Box::new(announcement)));
@@ -414,7 +437,7 @@ impl Actuator {
         if self.answer_if_known(participation, &act, ctx)? {
             return Ok(());
         }
-        let Act { action, method, arguments, token } = act;
+        let Act { action, method, arguments, token, ready_for } = act;
         if self.confidentiality.is_some() {
             // What may be told of the device is decided by its present model.
             self.announce_changed_model(ctx);
@@ -426,7 +449,7 @@ impl Actuator {
         if let Some(refusal) = objection.or_else(|| self.rate_objection(&action)) {
             return Err(refusal);
         }
-        let timeout = self.admissible(&action, &method, ctx.id())?;
+        let Admission { timeout, partners } = self.admissible(&action, &method, ctx.id())?;
         if let Some(refusal) = self.commitment_objection(&token.conversation) {
             return Err(refusal);
         }
@@ -444,8 +467,13 @@ impl Actuator {
             self.send_heartbeat(ctx);
             return Err(refusal);
         }
-        let recorded = self.agree_to_act(participation, &token, ctx);
         let timeout = self.without_patience(&call, timeout);
+        if !partners.is_empty() {
+            let joint = JointProgress::new(&action, partners, timeout, ready_for)?;
+            self.prepare(participation, token, call, joint, ctx);
+            return Ok(());
+        }
+        let recorded = self.agree_to_act(participation, &token, ctx);
         let consent = self.ask_leave(&call.action, ctx);
         let ready = Box::pin(async move {
             recorded.await?;
@@ -458,6 +486,7 @@ impl Actuator {
             subscribers: vec![participation.clone()],
             call: Some(call),
             private: None,
+            joint: None,
             _work: work,
         });
         Ok(())
@@ -538,7 +567,10 @@ impl Actuator {
             running.subscribers.push(participation.clone());
             let is_over = running.subscribers.len() > SUBSCRIBERS_MAX;
             running.subscribers.drain(..usize::from(is_over));
-            ctx.answer(participation, Performative::Agree, &agreement);
+            // To a joint action, the actuator agrees when it is ready.
+            if !running.joint.as_ref().is_some_and(JointProgress::is_preparing) {
+                ctx.answer(participation, Performative::Agree, &agreement);
+            }
             return Ok(true);
         }
         let report = match self.ledger.state_of(token) {
@@ -564,25 +596,34 @@ impl Actuator {
     }
 
     /// Checks that this agent has announced an action, and that the first argument of the action
-    /// names this agent. Returns the time limit of the method that carries out the action.
-    fn admissible(&self, action: &str, method: &str, own: &AgentId) -> Result<Duration, Refusal> {
+    /// names this agent, or in a joint action one of the first ones.
+    fn admissible(&self, action: &str, method: &str, own: &AgentId) -> Result<Admission, Refusal> {
         let incapable = |detail: String| Refusal::new(Reason::Incapable, detail);
         let step = pddl::parse_step(action).into_result().map_err(|diagnostics| {
             let first = diagnostics.first().map(ToString::to_string).unwrap_or_default();
             Refusal::new(Reason::BadContent, format!("`{action}`: {first}"))
         })?;
-        if step.arguments.first().map(|name| name.as_str()) != Some(own.as_str()) {
+        let name = step.action.as_str();
+        let offered = self.announced.offered.iter().find(|offered| offered.name == name);
+        let agents = offered.map_or(1, |offered| offered.agents);
+        let acting = step.arguments.iter().take(agents);
+        let acting: Vec<AgentId> =
+            acting.filter_map(|agent| AgentId::new(agent.as_str()).ok()).collect();
+        if !acting.contains(own) {
             return Err(incapable(format!("{action} names another agent, not `{own}`")));
         }
-        let name = step.action.as_str();
-        let offered = self.announced.offered.iter().find(|(offered, _)| offered == name);
-        let (_, known) =
-            offered.ok_or_else(|| incapable(format!("`{name}` is not offered now")))?;
-        if known.method != method {
-            let detail = format!("the method of `{name}` is `{}`, not `{method}`", known.method);
+        let known = offered.ok_or_else(|| incapable(format!("`{name}` is not offered now")))?;
+        if known.method.method != method {
+            let detail =
+                format!("the method of `{name}` is `{}`, not `{method}`", known.method.method);
             return Err(incapable(detail));
         }
-        Ok(known.timeout.0)
+        let partners: Vec<AgentId> = acting.into_iter().filter(|agent| agent != own).collect();
+        if partners.len() + 1 != agents {
+            let detail = format!("{action} does not name {agents} different agents");
+            return Err(Refusal::new(Reason::BadContent, detail));
+        }
+        Ok(Admission { timeout: known.method.timeout.0, partners })
     }
 
     fn command_ended(
@@ -597,9 +638,12 @@ impl Actuator {
             (Ok(yielded), Some(call)) => Ok(self.device.on_success(&call, yielded)),
             (Ok(_), None) => Err(MethodFailure::GivenUp),
             (Err(failure), call) => {
-                // Without the leave of a person the method has not begun.
-                let is_begun =
-                    !matches!(failure, MethodFailure::Forbidden(_) | MethodFailure::Unanswered(_));
+                // Without the leave of a person the method has not begun, nor without its partners.
+                let is_begun = !running.waits_for_partners()
+                    && !matches!(
+                        failure,
+                        MethodFailure::Forbidden(_) | MethodFailure::Unanswered(_)
+                    );
                 if let Some(call) = call.filter(|_| is_begun) {
                     self.device.on_failure(&call, &failure);
                 }
@@ -761,12 +805,12 @@ impl Actuator {
     }
 
     fn cancel_command(&mut self, why: &str, ctx: &mut Context<Self>) {
-        let Some(RunningCommand { token, action, subscribers: askers, call, .. }) =
-            self.running_command.take()
-        else {
+        if self.withdraw_preparation(why, ctx) {
             return;
-        };
-        let has_waited = self.withdraw_consent(ctx);
+        }
+        let Some(running) = self.running_command.take() else { return };
+        let has_waited = self.withdraw_consent(ctx) || running.waits_for_partners();
+        let RunningCommand { token, action, subscribers: askers, call, .. } = running;
         if let Some(call) = call.filter(|_| !has_waited) {
             self.device.on_failure(&call, &MethodFailure::GivenUp);
         }

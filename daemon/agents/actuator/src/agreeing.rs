@@ -79,7 +79,9 @@ pub(crate) fn follow(
     for element in steps {
         match element {
             PartStep::Own(text) => {
-                let step = read_own(text, agent)?;
+                let step = read_own(text, snapshot, agent)?;
+                // Each of the other agents of a joint action vouches for itself.
+                world.take_changes(&snapshot.guards_of_partners(&step, agent));
                 let applied = world.apply(&snapshot.inside(&step));
                 applied.map_err(|fault| {
                     let why = format!("it cannot do `{step}`: {fault}");
@@ -113,13 +115,13 @@ fn is_of_state(fault: &Fault) -> bool {
 ///
 /// Returns an error, as text for a person, if the step cannot be parsed or another agent acts in
 /// it.
-fn read_own(text: &str, agent: &str) -> Result<PlanStep, String> {
+fn read_own(text: &str, snapshot: &DomainSnapshot, agent: &str) -> Result<PlanStep, String> {
     let step = pddl::parse_step(text).into_result().map_err(|found| {
         let first = found.first().map(ToString::to_string).unwrap_or_default();
         format!("`{text}` is no step: {first}")
     })?;
-    match step.arguments.first() {
-        Some(actor) if *actor == *agent => Ok(step),
-        _ => Err(format!("`{step}` is no step of its own")),
+    match snapshot.actors(&step, agent).iter().any(|actor| *actor == *agent) {
+        true => Ok(step),
+        false => Err(format!("`{step}` is no step of its own")),
     }
 }

@@ -42,6 +42,8 @@ fn name(text: &str) -> AgentId {
 /// A robot that stands at its own pose, as a mobile base describes it, and waves there.
 struct WavingRobot {
     waves_for: Duration,
+    /// What the device does, in words.
+    does: mpsc::UnboundedSender<&'static str>,
 }
 
 impl Device for WavingRobot {
@@ -53,11 +55,11 @@ impl Device for WavingRobot {
                 (:objects robot - agent desk - pose)
                 (:init (connected desk office1) (connected office1 desk))
                 (:action wave :agent ?a - agent :parameters (?l - location)
-                    :precondition (at ?a ?l) :effect (waved ?a)))",
+                    :precondition (at ?a ?l) :effect (waved ?a))
+                (:action dance :agent (?a ?b - agent) :effect (and (waved ?a) (waved ?b))))",
         );
-        let wave =
-            Method { method: "wave".to_owned(), arguments: [].into(), timeout: Millis(TIMEOUT) };
-        Description { model, methods: [("wave".to_owned(), wave)].into() }
+        let method = |name: &str| (name.to_owned(), Method::new(name, &[], TIMEOUT));
+        Description { model, methods: [method("wave"), method("dance")].into() }
     }
 
     fn facts(&self) -> Vec<OwnFact> {
@@ -65,8 +67,9 @@ impl Device for WavingRobot {
     }
 
     fn perform(&mut self, _call: &MethodCall) -> BoxFuture<Result<(), MethodFailure>> {
-        let waves_for = self.waves_for;
+        let (waves_for, does) = (self.waves_for, self.does.clone());
         Box::pin(async move {
+            does.send("begins").expect("the test listens");
             tokio::time::sleep(waves_for).await;
             Ok(())
         })
@@ -74,6 +77,10 @@ impl Device for WavingRobot {
 
     fn on_success(&mut self, _call: &MethodCall, (): ()) -> MethodResult {
         MethodResult::default()
+    }
+
+    fn on_failure(&mut self, _call: &MethodCall, _failure: &MethodFailure) {
+        self.does.send("fails").expect("the test listens");
     }
 }
 
@@ -99,6 +106,8 @@ struct Client {
     requests: Vec<(Duration, Request)>,
     /// Conversations of goals; the robot is asked to agree to a part of a joint plan for each.
     parts: Vec<(Duration, &'static str)>,
+    /// What is said to the robot so long after it has agreed to an action.
+    replies: Vec<(Duration, Performative)>,
     told: mpsc::UnboundedSender<Message>,
 }
 
@@ -131,10 +140,18 @@ impl Agent for Client {
         });
         for (after, opening) in requests.chain(parts).collect::<Vec<_>>() {
             ctx.after(after, move |_: &mut Client, ctx| {
-                ctx.open(opening, HOUR, |client: &mut Client, answer, _| {
-                    if let ExchangeEvent::Message(message) = answer {
-                        client.told.send(*message).expect("the test listens");
+                ctx.open(opening, HOUR, |client: &mut Client, answer, ctx| {
+                    let ExchangeEvent::Message(message) = answer else { return };
+                    let exchange = message.in_reply_to.clone();
+                    let has_agreed = message.performative == Performative::Agree;
+                    for (after, reply) in client.replies.iter().copied().filter(|_| has_agreed) {
+                        let exchange = exchange.clone().expect("it is an answer");
+                        ctx.after(after, move |_: &mut Client, ctx| {
+                            let nothing = serde_json::Value::Null;
+                            ctx.send_turn(&exchange, &name("robot"), reply, nothing);
+                        });
                     }
+                    client.told.send(*message).expect("the test listens");
                 });
             });
         }
@@ -144,6 +161,8 @@ impl Agent for Client {
 /// A robot, a keyboard and a client of the robot.
 struct Home {
     heard: mpsc::UnboundedReceiver<Message>,
+    /// What the device has done.
+    done: mpsc::UnboundedReceiver<&'static str>,
     _network: Network,
     _router: Arc<MessageRouter>,
 }
@@ -156,6 +175,7 @@ struct Setting {
     answers: Vec<&'static str>,
     requests: Vec<(Duration, Request)>,
     parts: Vec<(Duration, &'static str)>,
+    replies: Vec<(Duration, Performative)>,
 }
 
 fn home(setting: Setting) -> Home {
@@ -182,7 +202,7 @@ fn home(setting: Setting) -> Home {
         settings,
         ..Host::new(ontology.value.expect("a domain"), map.value.expect("a map"))
     };
-    let of_robot = [("wave".to_owned(), setting.safeguard)].into();
+    let of_robot = ["wave", "dance"].map(|action| (action.to_owned(), setting.safeguard)).into();
     host.resources.insert(Safeguards([(name("robot"), of_robot)].into()));
     let blueprint = Blueprint {
         id: name("robot"),
@@ -190,12 +210,13 @@ fn home(setting: Setting) -> Home {
         config: serde_json::Value::Null.into(),
         host: Arc::new(host),
     };
-    let robot = WavingRobot { waves_for: setting.waves_for };
-    let (told, heard) = mpsc::unbounded_channel();
-    let client = Client { requests: setting.requests, parts: setting.parts, told };
+    let ((does, done), (told, heard)) = (mpsc::unbounded_channel(), mpsc::unbounded_channel());
+    let robot = WavingRobot { waves_for: setting.waves_for, does };
+    let Setting { requests, parts, replies, answers, .. } = setting;
+    let client = Client { requests, parts, replies, told };
     let agents: [(&str, Box<dyn LaunchableAgent>); 3] = [
         ("robot", Actuator::build(&blueprint, robot).expect("built")),
-        ("keyboard", Box::new(Keyboard(setting.answers.into()))),
+        ("keyboard", Box::new(Keyboard(answers.into()))),
         ("client", Box::new(client)),
     ];
     for (number, (id, agent)) in (1..).zip(agents) {
@@ -209,7 +230,7 @@ fn home(setting: Setting) -> Home {
             via: [].into(),
         }));
     }
-    Home { heard, _network: network, _router: router }
+    Home { heard, done, _network: network, _router: router }
 }
 
 impl Home {
@@ -264,6 +285,7 @@ fn wave(number: u32) -> (Duration, Request) {
         method: "wave".to_owned(),
         arguments: [].into(),
         token,
+        ready_for: None,
     };
     (Duration::from_secs(60) * number, Request::Act(Box::new(act)))
 }
@@ -379,4 +401,115 @@ async fn an_agent_agrees_again_for_the_goal_that_holds_it() {
     // The second agreement has begun the lease anew.
     assert!(answers[2].1.contains("is held for 2.0 s more"), "{answers:?}");
     assert_eq!(answers[3], ("g2".to_owned(), String::new()));
+}
+
+/// Builds the request for a dance, at once.
+fn dance(action: &str, ready_for: Option<Duration>) -> (Duration, Request) {
+    let (after, request) = wave(0);
+    let Request::Act(act) = request else { panic!("it is an action") };
+    let (action, method) = (action.to_owned(), "dance".to_owned());
+    let act = Act { action, method, ready_for: ready_for.map(Millis), ..*act };
+    (after, Request::Act(Box::new(act)))
+}
+
+const DANCE: &str = "(dance partner robot)";
+
+/// Time that the robot waits for its partner.
+const READY_FOR: Duration = Duration::from_secs(20);
+
+/// Plays a dance; returns how it ended, and what the device has done.
+async fn danced(
+    asks_people: Option<&'static str>,
+    replies: &[(u64, Performative)],
+    request: (Duration, Request),
+) -> (Option<Outcome>, String, Vec<&'static str>) {
+    let replies = replies.iter().map(|(after, reply)| (Duration::from_secs(*after), *reply));
+    let mut home = home(Setting {
+        safeguard: ActionSafeguard { asks_people: asks_people.map(|_| PATIENCE), limit: None },
+        waves_for: Duration::from_secs(2),
+        answers: asks_people.into_iter().collect(),
+        requests: vec![request],
+        replies: replies.collect(),
+        ..Setting::default()
+    });
+    let (outcome, detail) = home.end().await;
+    let done = std::iter::from_fn(|| home.done.try_recv().ok()).collect();
+    (outcome, detail, done)
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_joint_action_begins_when_all_are_ready() {
+    let began = Instant::now();
+    let all_ready = [(7, Performative::AcceptProposal)];
+    let (outcome, _, done) = danced(None, &all_ready, dance(DANCE, Some(READY_FOR))).await;
+    assert_eq!((outcome, done), (Some(Outcome::Done), vec!["begins"]));
+    assert_eq!(began.elapsed().as_secs(), 9, "it has waited, and waved");
+    let (outcome, _, done) = danced(Some("yes"), &all_ready, dance(DANCE, Some(READY_FOR))).await;
+    assert_eq!((outcome, done), (Some(Outcome::Done), vec!["begins"]));
+}
+
+#[tokio::test(start_paused = true)]
+async fn nothing_begins_of_a_joint_action_that_is_ended_before() {
+    let cancelled = [(3, Performative::Cancel)];
+    let (outcome, _, done) = danced(None, &cancelled, dance(DANCE, Some(READY_FOR))).await;
+    assert_eq!((outcome, done), (Some(Outcome::Cancelled), vec![]));
+
+    let began = Instant::now();
+    let (outcome, detail, done) = danced(None, &[], dance(DANCE, Some(READY_FOR))).await;
+    assert_eq!((outcome, done), (Some(Outcome::Failed), vec![]));
+    assert_eq!(detail, "failed to begin: `partner` was not ready within 20s");
+    assert!(began.elapsed() < READY_FOR + Duration::from_secs(1), "{:?}", began.elapsed());
+
+    // The robot has not agreed, so its partner does not begin either.
+    let all_ready = [(0, Performative::AcceptProposal)];
+    let (outcome, detail, done) =
+        danced(Some("no"), &all_ready, dance(DANCE, Some(READY_FOR))).await;
+    assert_eq!((outcome, done), (None, vec![]));
+    assert!(detail.contains("a person said no"), "{detail}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_joint_action_that_is_cancelled_while_it_runs_fails_at_its_device() {
+    let replies = [(1, Performative::AcceptProposal), (2, Performative::Cancel)];
+    let (outcome, _, done) = danced(None, &replies, dance(DANCE, Some(READY_FOR))).await;
+    assert_eq!((outcome, done), (Some(Outcome::Cancelled), vec!["begins", "fails"]));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_joint_action_that_is_none_is_refused() {
+    for (action, ready_for, told) in [
+        (DANCE, None, "several agents begin it together"),
+        ("(dance robot robot)", Some(READY_FOR), "does not name 2 different agents"),
+        ("(dance robot)", Some(READY_FOR), "does not name 2 different agents"),
+        ("(dance ann bob)", Some(READY_FOR), "names another agent, not `robot`"),
+    ] {
+        let (outcome, detail, done) = danced(None, &[], dance(action, ready_for)).await;
+        assert_eq!((outcome, done), (None, vec![]), "{action}");
+        assert!(detail.contains(told), "{action}: {detail}");
+    }
+}
+
+/// A stop of the robot, and one of what the action names.
+#[tokio::test(start_paused = true)]
+async fn a_stop_ends_a_robot_that_waits_for_its_partner() {
+    for scope in ["robot", "partner"] {
+        let stop = Stop {
+            id: "s1".to_owned(),
+            scope: vec![scope.to_owned()],
+            by: name("ann"),
+            why: String::new(),
+        };
+        let mut home = home(Setting {
+            requests: vec![
+                dance(DANCE, Some(READY_FOR)),
+                (Duration::from_secs(5), Request::Stop(stop)),
+            ],
+            ..Setting::default()
+        });
+        let began = Instant::now();
+        let ends = [home.end().await, home.end().await];
+        assert!(ends.iter().any(|(outcome, _)| *outcome == Some(Outcome::Cancelled)), "{ends:?}");
+        assert!(began.elapsed() < Duration::from_secs(10), "{:?}", began.elapsed());
+        assert_eq!(home.done.try_recv().ok(), None, "the device does nothing");
+    }
 }

@@ -351,6 +351,7 @@ fn unlock(step: u32) -> ExchangeOpening {
         method: "unlock".to_owned(),
         arguments: [].into(),
         token: ActionToken { term: 1, conversation, round: 1, step },
+        ready_for: None,
     };
     let content = value(&Request::Act(Box::new(act)));
     opening(Performative::Request, Protocol::Action, content)

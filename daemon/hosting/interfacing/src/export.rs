@@ -73,6 +73,8 @@ pub enum ExportError {
     NoEffect,
     /// The action is durative; durative actions are never exported.
     Durative,
+    /// Several agents act in the action; such actions are never exported.
+    Joint,
 }
 
 /// Returns the part of `model` that the rules export, in the vocabulary of the near side. `model`
@@ -278,6 +280,9 @@ fn exported_schema(
     translator: &Translator<'_>,
     own: &TypeExpr,
 ) -> Result<ActionSchema, ExportError> {
+    if !schema.partners.is_empty() {
+        return Err(ExportError::Joint);
+    }
     translator.reset_variables();
     // Only the proxy agent offers the action, whichever agent the schema is for.
     let agent = Typed { name: translator.variable(&agent_variable(schema)), ty: own.clone() };
@@ -308,6 +313,7 @@ fn exported_schema(
     Ok(ActionSchema {
         name: near.clone(),
         agent: Some(agent),
+        partners: Vec::new(),
         parameters,
         precondition,
         effect,
@@ -401,6 +407,9 @@ impl fmt::Display for ExcludedAction {
             }
             ExportError::Durative => {
                 write!(f, "`{action}` is not exported: it is a durative action")
+            }
+            ExportError::Joint => {
+                write!(f, "`{action}` is not exported: several agents act in it")
             }
         }
     }

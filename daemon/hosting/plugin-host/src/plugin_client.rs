@@ -108,7 +108,13 @@ impl PluginClient {
             performative: Performative::Request,
             protocol: Protocol::Action,
             conversation,
-            content: value(&Request::Act(Box::new(Act { action, method, arguments, token }))),
+            content: value(&Request::Act(Box::new(Act {
+                action,
+                method,
+                arguments,
+                token,
+                ready_for: None,
+            }))),
         };
         let exchange =
             ctx.open(opening, timeout + BESIDE_METHOD, move |attendant: &mut Self, answer, ctx| {

@@ -222,6 +222,41 @@ pub struct Offer {
     /// The method by which the actuator carries out the action; `None` if the method is unknown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub method: Option<Method>,
+    /// Number of agents that act in the action; more than one in a joint action. They are the first
+    /// arguments of a step.
+    #[serde(default = "one_agent", skip_serializing_if = "is_one_agent")]
+    pub agents: usize,
+}
+
+fn one_agent() -> usize {
+    1
+}
+
+fn is_one_agent(agents: &usize) -> bool {
+    *agents == 1
+}
+
+/// Returns the agents that act in a step: the first argument, and in a joint action the next ones.
+/// `action` is the name of the step's action, either the agent's own or that in the composite
+/// domain. Without an offer for it, one agent acts.
+pub fn acting_agents<'a>(
+    offers: &Offers,
+    action: &str,
+    arguments: impl IntoIterator<Item = &'a str>,
+) -> Vec<AgentId> {
+    let mut names = arguments.into_iter();
+    let Some(first) = names.next().and_then(|name| AgentId::new(name).ok()) else {
+        return Vec::new();
+    };
+    let known = offers.get(&first).and_then(|actions| {
+        let is_it = |(outside, offer): &(&String, &Offer)| {
+            outside.eq_ignore_ascii_case(action) || offer.schema.eq_ignore_ascii_case(action)
+        };
+        actions.iter().find(is_it)
+    });
+    let agents = known.map_or(1, |(_, offer)| offer.agents.max(1));
+    let partners = names.take(agents - 1).filter_map(|name| AgentId::new(name).ok());
+    std::iter::once(first).chain(partners).collect()
 }
 
 /// The methods of an agent, each under the name of its action.
@@ -286,6 +321,11 @@ pub struct Act {
     /// Identifier of the commitment to act. The action is executed at most once for each
     /// identifier.
     pub token: ActionToken,
+    /// How long the actuator waits for the other agents of a joint action; `None` if it acts alone.
+    /// With it, `agree` says that the actuator is ready, and the action begins with
+    /// `accept-proposal`, which is sent to all of its agents when all are ready.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ready_for: Option<Millis>,
 }
 
 /// Identifier of one commitment to act (docs/design.md, “Execution”). For each token, the actuator
@@ -566,6 +606,10 @@ pub struct Report {
     /// if the report is about something else.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub action: Option<String>,
+    /// The agent of a joint action that failed; `None` in any other report: then it is the first
+    /// argument of the action.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub agent: Option<AgentId>,
     /// Number of the completed step in the plan, from 0; `None` if the report is not about a
     /// completed step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -798,6 +842,7 @@ impl Report {
             outcome,
             detail: detail.into(),
             action: None,
+            agent: None,
             step: None,
             plan: None,
             cost: None,

@@ -421,8 +421,7 @@ fn guard_parameters(action: &mut ActionSchema, guard: &Name) {
         let arguments = vec![Term::Variable(parameter.name.clone())];
         Condition::Atom(Atom { predicate: guard.clone(), arguments, span: Span::default() })
     };
-    let mut conjuncts: Vec<Condition> =
-        action.agent.iter().chain(&action.parameters).map(known).collect();
+    let mut conjuncts: Vec<Condition> = action.all_parameters().map(known).collect();
     conjuncts.push(std::mem::replace(&mut action.precondition, Condition::And(Vec::new())));
     action.precondition = Condition::And(conjuncts);
 }

@@ -283,7 +283,11 @@ pub struct ActionSchema {
     /// The acting agent (MA-PDDL), `:agent ?a - TYPE`; `None` if the action has none. In a step of
     /// a plan, the agent comes before the parameters.
     pub agent: Option<Typed>,
-    /// The parameters of the action, without the agent.
+    /// Further agents that act at the same time, in a joint action: `:agent (?a ?b - TYPE)`. In a
+    /// step of a plan, they come between the agent and the parameters. No two of the agents are the
+    /// same.
+    pub partners: Vec<Typed>,
+    /// The parameters of the action, without the agents.
     pub parameters: Vec<Typed>,
     /// The precondition of the action.
     pub precondition: Condition,
@@ -840,10 +844,16 @@ impl ActionModel {
 }
 
 impl ActionSchema {
-    /// Returns the agent, if the action has one, and then the parameters. The arguments of a step
+    /// Returns the agents, if the action has any, and then the parameters. The arguments of a step
     /// have this order.
     pub fn all_parameters(&self) -> impl Iterator<Item = &Typed> {
-        self.agent.iter().chain(&self.parameters)
+        self.agents().chain(&self.parameters)
+    }
+
+    /// Returns the agents that act in the action: none, one, or several in a joint action. They are
+    /// the first arguments of a step.
+    pub fn agents(&self) -> impl Iterator<Item = &Typed> {
+        self.agent.iter().chain(&self.partners)
     }
 }
 

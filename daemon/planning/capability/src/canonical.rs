@@ -51,10 +51,19 @@ pub(crate) struct CanonicalText {
 /// Returns the canonical text of an action, without the name of the action, and the symbols that
 /// the action uses.
 pub(crate) fn action(schema: &ActionSchema) -> (CanonicalText, UsedSymbols) {
-    let ActionSchema { name: _, agent, parameters, precondition, effect, observe, span: _ } =
-        schema;
+    let ActionSchema {
+        name: _,
+        agent,
+        partners,
+        parameters,
+        precondition,
+        effect,
+        observe,
+        span: _,
+    } = schema;
     let mut scribe = CanonicalWriter::default();
     scribe.bind(agent.as_slice());
+    scribe.bind(partners);
     scribe.text.push('|');
     scribe.bind(parameters);
     scribe.condition(precondition);

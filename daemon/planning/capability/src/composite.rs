@@ -53,6 +53,8 @@ pub(crate) struct OfferedAction {
     pub(crate) inside: Name,
     /// Name of the guard predicate, which holds for the agents that offer the action.
     pub(crate) guard: Name,
+    /// Number of agents that act in the action.
+    pub(crate) agents: usize,
 }
 
 /// A selected action with the first offering agent in the order of names.
@@ -185,7 +187,7 @@ impl CollectedOffers {
         offered: OfferedAction,
         offerers: &[&AgentId],
     ) {
-        let OfferedAction { outside, inside, guard: _ } = &offered;
+        let OfferedAction { outside, inside, .. } = &offered;
         if inside != outside {
             self.qualified.insert(inside.clone(), outside.clone());
         }

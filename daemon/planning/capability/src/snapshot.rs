@@ -71,11 +71,33 @@ impl DomainSnapshot {
     /// agent's own name.
     #[must_use]
     pub fn inside(&self, step: &PlanStep) -> PlanStep {
-        let offers =
-            step.arguments.first().and_then(|name| self.composite.offers.get(name.as_str()));
-        let offered = offers.into_iter().flatten().find(|offer| offer.outside == step.action);
+        let offered = step.arguments.iter().enumerate().find_map(|(position, name)| {
+            self.offered(step, name.as_str()).filter(|offered| position < offered.agents)
+        });
         let action = offered.map_or(&step.action, |offered| &offered.inside);
         PlanStep { action: action.clone(), ..step.clone() }
+    }
+
+    /// Returns what `agent` offers of the action of a step, which has the agent's own name.
+    fn offered(&self, step: &PlanStep, agent: &str) -> Option<&OfferedAction> {
+        let mut offered = self.composite.offers.get(agent)?.iter();
+        offered.find(|offer| offer.outside == step.action)
+    }
+
+    /// Returns the agents that act in a step, if the action is as `agent` offers it: the first argument,
+    /// and in a joint action the next ones.
+    pub fn actors<'s>(&self, step: &'s PlanStep, agent: &str) -> &'s [Name] {
+        let agents = self.offered(step, agent).map_or(1, |offered| offered.agents);
+        step.arguments.get(..agents).unwrap_or(&step.arguments)
+    }
+
+    /// Returns the guards of all agents but `agent` that act in a step, as facts. The domain of one
+    /// agent does not have them.
+    pub fn guards_of_partners(&self, step: &PlanStep, agent: &str) -> Vec<InitElement> {
+        let Some(offered) = self.offered(step, agent) else { return Vec::new() };
+        let partners = self.actors(step, agent).iter().filter(|actor| **actor != *agent);
+        let partners = partners.filter_map(|partner| AgentId::new(partner.as_str()).ok());
+        partners.map(|partner| InitElement::Atom(offered.guard_fact(&partner))).collect()
     }
 
     /// Returns a step with the agent's own name for the action. The action of `step` has its name
@@ -126,6 +148,7 @@ impl DomainSnapshot {
             schema: action.inside.as_str().to_owned(),
             guard: guard.to_string(),
             method: methods.and_then(|methods| methods.get(&outside)).cloned(),
+            agents: action.agents,
         };
         (outside, offer)
     }

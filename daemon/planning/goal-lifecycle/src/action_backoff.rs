@@ -210,7 +210,7 @@ mod tests {
         let mut backoffs = ActionBackoffs::new(Keep::Achieve);
         backoffs.penalize(lamp(), &failed(Some(Reason::Incapable)), now);
         let (schema, guard) = ("light".to_owned(), "(offers-light lamp)".to_owned());
-        let offer = Offer { schema, guard, method: None };
+        let offer = Offer { schema, guard, method: None, agents: 1 };
         let (agent, action) = lamp();
         let offers: Offers = [(agent.clone(), [(action, offer)].into())].into();
         backoffs.compare_with(&offers);

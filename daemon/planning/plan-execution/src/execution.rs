@@ -8,7 +8,7 @@ use pddl::{Atom, Domain, Plan, PlanStep, Problem};
 use planner::order::{PartialOrder, deorder};
 use planner::validate::{Fault, World, cost_from, rest_reaches};
 
-use crate::translate::{ActionRequest, acting_agent, translate};
+use crate::translate::{ActionRequest, actors, translate};
 
 /// Limit on the work of evaluating conditions for one plan, in the validator's steps. After it is
 /// reached, no condition holds, so the plan cannot be validated. Plans of the largest buildings
@@ -101,17 +101,22 @@ impl Execution {
             .collect()
     }
 
-    /// Begins a step and returns the request to its actuator.
+    /// Begins a step and returns the requests to its actuators, in the order of its agents.
     ///
     /// # Errors
     ///
-    /// Returns an error if the agent of the step does not offer the action, or offers it without a
+    /// Returns an error if an agent of the step does not offer the action, or offers it without a
     /// usable method.
-    pub(crate) fn start(&mut self, step: usize) -> Result<ActionRequest, String> {
-        let order = translate(&self.steps[step], &self.domain, &self.offers)
+    pub(crate) fn start(&mut self, step: usize) -> Result<Vec<ActionRequest>, String> {
+        let requests = translate(&self.steps[step], &self.domain, &self.offers)
             .map_err(|problem| format!("{}: {problem}", self.step_text(step)))?;
         self.phases[step] = StepPhase::Acting;
-        Ok(order)
+        Ok(requests)
+    }
+
+    /// Returns the agents that act in a step.
+    pub(crate) fn actors(&self, step: usize) -> Vec<AgentId> {
+        actors(&self.steps[step], &self.offers)
     }
 
     /// Applies the effects of a confirmed step. Returns the facts that these effects changed.
@@ -188,15 +193,22 @@ impl Execution {
 
     /// Returns a step with the action name that the composite domain now has for the step's action.
     fn renamed(&self, step: &PlanStep, offers: &Offers) -> Result<PlanStep, String> {
-        let agent = acting_agent(step).ok_or("no agent acts in it")?;
+        let agents = actors(step, &self.offers);
+        let agent = agents.first().ok_or("no agent acts in it")?;
         let is_it = |(_, offer): &(&String, &Offer)| step.action == *offer.schema.as_str();
-        let known = self.offers.get(&agent).and_then(|actions| actions.iter().find(is_it));
+        let known = self.offers.get(agent).and_then(|actions| actions.iter().find(is_it));
         let outside = known.map_or(step.action.as_str(), |(outside, _)| outside.as_str());
-        let offer = offers
-            .get(&agent)
-            .and_then(|actions| actions.get(outside))
-            .ok_or_else(|| format!("`{agent}` does not offer `{outside}` any more"))?;
-        Ok(PlanStep { action: offer.schema.as_str().into(), ..step.clone() })
+        let offer = |agent: &AgentId| {
+            let offer = offers.get(agent).and_then(|actions| actions.get(outside));
+            offer.ok_or_else(|| format!("`{agent}` does not offer `{outside}` any more"))
+        };
+        let schema = offer(agent)?.schema.as_str();
+        if let Some(other) =
+            agents.iter().find(|agent| offer(agent).map_or(true, |offer| offer.schema != schema))
+        {
+            return Err(format!("`{other}` does not offer `{outside}` any more"));
+        }
+        Ok(PlanStep { action: schema.into(), ..step.clone() })
     }
 
     /// Returns the change after a step with an uncertain result: every fact that the step would
@@ -223,12 +235,12 @@ impl Execution {
     /// Whether an agent acts in a step that is not done.
     pub(crate) fn needs(&self, agent: &AgentId) -> bool {
         let left = self.remaining_steps();
-        left.into_iter().any(|step| acting_agent(&self.steps[step]).as_ref() == Some(agent))
+        left.into_iter().any(|step| self.actors(step).contains(agent))
     }
 
     /// Returns the agents that act in steps that are not done.
     pub(crate) fn needed(&self) -> impl Iterator<Item = AgentId> + '_ {
-        self.remaining_steps().into_iter().filter_map(|step| acting_agent(&self.steps[step]))
+        self.remaining_steps().into_iter().flat_map(|step| self.actors(step))
     }
 
     /// Returns a step as text for a person, with the agent's own name for the action.
@@ -237,8 +249,9 @@ impl Execution {
     }
 
     fn outside(&self, step: usize) -> String {
-        let order = translate(&self.steps[step], &self.domain, &self.offers);
-        order.map_or_else(|_| self.steps[step].to_string(), |order| order.action)
+        let requests = translate(&self.steps[step], &self.domain, &self.offers).ok();
+        let first = requests.and_then(|requests| requests.into_iter().next());
+        first.map_or_else(|| self.steps[step].to_string(), |request| request.action)
     }
 }
 

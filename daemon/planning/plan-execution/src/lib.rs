@@ -23,4 +23,4 @@ pub use plan_state::{CheckDelay, ExecutionCommand, ExecutionEvent, PlanState};
 pub use transitions::{
     ExecutionEventKind, ExecutionPhase, ExecutionTransition, TRANSITIONS, is_lawful,
 };
-pub use translate::ActionRequest;
+pub use translate::{ActionRequest, StepPart};

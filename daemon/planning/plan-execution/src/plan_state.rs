@@ -1,30 +1,32 @@
 //! The state of one running plan, and how events change it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use acl::AgentId;
 use acl::content::{ChangeState, Execute, Outcome, Reason, Refusal, Report, Snapshot};
 use pddl::knowledge::Knowledge;
+use pddl::{InitElement, Term};
 
 use crate::effect_check::{LastHeartbeats, UnverifiedEffect};
 use crate::execution::Execution;
 use crate::transitions::{ExecutionEventKind, ExecutionPhase, is_expected, is_lawful};
-use crate::translate::ActionRequest;
+use crate::translate::{ActionRequest, StepPart};
 
-/// Event that happened to a running plan. Steps are identified by their index.
+/// Event that happened to a running plan.
 #[derive(Clone, Debug)]
 pub enum ExecutionEvent {
     /// The plan begins, or continues after a take-over.
     Started,
-    /// The agent has sent a report about the step with this number.
-    StepReported(usize, Report),
-    /// The agent has refused the step with this number.
-    StepRefused(usize, Refusal),
-    /// The agent of the step with this number does not answer. The text describes the problem and
-    /// names the agent.
-    StepLost(usize, String),
-    /// The agent of a cancelled step is absent, so its answer is not awaited.
-    StepAbandoned(usize),
+    /// The agent has agreed to its part. In a joint action, it waits for the other agents.
+    StepAgreed(StepPart),
+    /// The agent has sent a report about its part.
+    StepReported(StepPart, Report),
+    /// The agent has refused its part.
+    StepRefused(StepPart, Refusal),
+    /// The agent of this part does not answer. The text describes the problem and names the agent.
+    StepLost(StepPart, String),
+    /// The agent of a cancelled part is absent, so its answer is not awaited.
+    StepAbandoned(StepPart),
     /// A heartbeat of the agent has arrived.
     HeartbeatReceived(AgentId),
     /// The heartbeats that should verify effects have not arrived in time.
@@ -57,12 +59,14 @@ pub enum ExecutionEvent {
 /// Command that the owner of a running plan must carry out.
 #[derive(Clone, Debug)]
 pub enum ExecutionCommand {
-    /// Send the request for the step with this number to its actuator.
-    RequestStep(usize, Box<ActionRequest>),
-    /// Cancel this step. If its agent is absent, [`ExecutionEvent::StepAbandoned`] follows.
-    CancelStep(usize),
-    /// Close the exchange about the step with this number, and await no answer in it.
-    CloseStep(usize),
+    /// Send the request for this part to its actuator.
+    RequestStep(StepPart, Box<ActionRequest>),
+    /// Tell the actuator that all agents of its joint action are ready, and that it begins.
+    BeginStep(StepPart),
+    /// Cancel this part. If its agent is absent, [`ExecutionEvent::StepAbandoned`] follows.
+    CancelStep(StepPart),
+    /// Close the exchange about this part, and await no answer in it.
+    CloseStep(StepPart),
     /// Send this effect to the Domain Maintainer. [`ExecutionEvent::ChangeAnswered`] follows.
     SendChange(ChangeState),
     /// Send this report to all requesters of the plan.
@@ -95,8 +99,11 @@ pub enum CheckDelay {
 pub struct PlanState {
     phase: ExecutionPhase,
     execution: Execution,
-    /// The steps that actuators are carrying out.
-    running_steps: BTreeMap<usize, RunningStep>,
+    /// The parts that actuators are carrying out.
+    running_parts: BTreeMap<StepPart, RunningPart>,
+    /// The steps of which a part has failed or is abandoned. Their effects are not applied, also if
+    /// another part is done.
+    failed_steps: BTreeSet<usize>,
     /// Final report of the plan; `None` before the outcome is decided.
     final_report: Option<Report>,
     /// Number of changes that were sent to the Domain Maintainer and are not answered yet. While
@@ -113,18 +120,55 @@ pub struct PlanState {
     unverified_effects: BTreeMap<AgentId, UnverifiedEffect>,
 }
 
-/// A step that an actuator is carrying out.
+/// A part that an actuator is carrying out.
 #[derive(Clone, Debug)]
-struct RunningStep {
+struct RunningPart {
     agent: AgentId,
     /// The ground action of the step, under the agent's own name for it.
     action: String,
-    /// Whether the failure of the step counts as a failure of the action.
+    /// Number of agents that act in the step.
+    agents: usize,
+    /// Whether the agent has agreed.
+    has_agreed: bool,
+    /// Whether the agent was told that the joint action begins.
+    has_begun: bool,
+    /// Whether the failure of the part counts as a failure of the action.
     is_blamed: bool,
 }
 
 fn failure(problem: impl Into<String>) -> Report {
     Report::new(Outcome::Failed, problem)
+}
+
+/// Splits the change that a step has made by its agents: a fact belongs to the agent that is its first
+/// argument, and any other fact to the first agent.
+fn by_agent(change: ChangeState, agents: &[AgentId]) -> Vec<(AgentId, ChangeState)> {
+    if let [agent] = agents {
+        return vec![(agent.clone(), change)];
+    }
+    let elements = |text: &str| pddl::parse_init_elements(text).value.unwrap_or_default();
+    let (believe, retract) = (elements(&change.believe), elements(&change.retract));
+    let is_about = |element: &InitElement, agent: &AgentId| {
+        let (InitElement::Atom(atom) | InitElement::Not(atom) | InitElement::Unknown(atom)) =
+            element
+        else {
+            return false;
+        };
+        atom.arguments.first() == Some(&Term::Object(agent.as_str().into()))
+    };
+    let owner = |element: &InitElement| {
+        agents.iter().position(|agent| is_about(element, agent)).unwrap_or_default()
+    };
+    let of = |elements: &[InitElement], position: usize| {
+        let own = elements.iter().filter(|element| owner(element) == position);
+        own.map(ToString::to_string).collect::<Vec<_>>().join(" ")
+    };
+    let parts = agents.iter().enumerate().map(|(position, agent)| {
+        let (believe, retract) = (of(&believe, position), of(&retract, position));
+        (agent.clone(), ChangeState { believe, retract, owner: None })
+    });
+    let is_change = |change: &ChangeState| !change.believe.is_empty() || !change.retract.is_empty();
+    parts.filter(|(_, change)| is_change(change)).collect()
 }
 
 // === impl ExecutionEvent ===
@@ -134,6 +178,7 @@ impl ExecutionEvent {
     pub fn kind(&self) -> ExecutionEventKind {
         match self {
             ExecutionEvent::Started => ExecutionEventKind::Started,
+            ExecutionEvent::StepAgreed(_) => ExecutionEventKind::StepAgreed,
             ExecutionEvent::StepReported(..) => ExecutionEventKind::StepReported,
             ExecutionEvent::StepRefused(..) => ExecutionEventKind::StepRefused,
             ExecutionEvent::StepLost(..) => ExecutionEventKind::StepLost,
@@ -148,13 +193,14 @@ impl ExecutionEvent {
         }
     }
 
-    /// Returns the step that the event is about; `None` if the event is about the whole plan.
-    fn step(&self) -> Option<usize> {
+    /// Returns the part that the event is about; `None` if the event is about the whole plan.
+    fn part(&self) -> Option<StepPart> {
         match self {
-            ExecutionEvent::StepReported(step, _)
-            | ExecutionEvent::StepRefused(step, _)
-            | ExecutionEvent::StepLost(step, _)
-            | ExecutionEvent::StepAbandoned(step) => Some(*step),
+            ExecutionEvent::StepAgreed(part)
+            | ExecutionEvent::StepReported(part, _)
+            | ExecutionEvent::StepRefused(part, _)
+            | ExecutionEvent::StepLost(part, _)
+            | ExecutionEvent::StepAbandoned(part) => Some(*part),
             _ => None,
         }
     }
@@ -174,7 +220,8 @@ impl PlanState {
         Ok(PlanState {
             phase: ExecutionPhase::Running,
             execution: Execution::new(execute, knowledge)?,
-            running_steps: BTreeMap::new(),
+            running_parts: BTreeMap::new(),
+            failed_steps: BTreeSet::new(),
             final_report: None,
             unanswered_changes: 0,
             scheduled_check: None,
@@ -207,7 +254,7 @@ impl PlanState {
 
     /// Changes the state by an event. Returns the commands that the owner must carry out, in this
     /// order. `heartbeats` has the last heartbeat of every agent. Two kinds of events change
-    /// nothing: those without a transition in the table, and those about a step that does not run.
+    /// nothing: those without a transition in the table, and those about a part that does not run.
     pub fn handle(
         &mut self,
         event: ExecutionEvent,
@@ -215,7 +262,7 @@ impl PlanState {
     ) -> Vec<ExecutionCommand> {
         let (kind, from) = (event.kind(), self.phase);
         let is_about_another =
-            event.step().is_some_and(|step| !self.running_steps.contains_key(&step));
+            event.part().is_some_and(|part| !self.running_parts.contains_key(&part));
         if is_about_another || !is_expected(kind, from) {
             return Vec::new();
         }
@@ -233,13 +280,15 @@ impl PlanState {
     ) {
         match event {
             ExecutionEvent::Started => self.go_on(out),
-            ExecutionEvent::StepReported(step, report) => {
-                self.reported(step, report, heartbeats, out)
+            ExecutionEvent::StepAgreed(part) => self.agreed(part, out),
+            ExecutionEvent::StepReported(part, report) => {
+                self.reported(part, report, heartbeats, out)
             }
-            ExecutionEvent::StepRefused(step, refusal) => self.refused(step, &refusal, out),
-            ExecutionEvent::StepLost(step, problem) => self.lost(step, problem, out),
-            ExecutionEvent::StepAbandoned(step) => {
-                self.running_steps.remove(&step);
+            ExecutionEvent::StepRefused(part, refusal) => self.refused(part, &refusal, out),
+            ExecutionEvent::StepLost(part, problem) => self.lost(part, problem, out),
+            ExecutionEvent::StepAbandoned(part) => {
+                self.running_parts.remove(&part);
+                self.failed_steps.insert(part.step);
                 self.end_if_idle(out);
             }
             ExecutionEvent::HeartbeatReceived(agent) => self.verify_effect(&agent, heartbeats, out),
@@ -284,69 +333,113 @@ impl PlanState {
             return self.give_up(outcome, out);
         }
         for step in self.execution.ready() {
-            let order = match self.execution.start(step) {
-                Ok(order) => order,
+            let requests = match self.execution.start(step) {
+                Ok(requests) => requests,
                 Err(problem) => return self.give_up(failure(problem), out),
             };
-            let (agent, action) = (order.agent.clone(), order.action.clone());
-            self.running_steps.insert(step, RunningStep { agent, action, is_blamed: true });
-            out.push(ExecutionCommand::RequestStep(step, Box::new(order)));
+            let agents = requests.len();
+            for (position, request) in requests.into_iter().enumerate() {
+                let part = StepPart { step, position };
+                let (agent, action) = (request.agent.clone(), request.action.clone());
+                let running = RunningPart {
+                    agent,
+                    action,
+                    agents,
+                    has_agreed: false,
+                    has_begun: false,
+                    is_blamed: true,
+                };
+                self.running_parts.insert(part, running);
+                out.push(ExecutionCommand::RequestStep(part, Box::new(request)));
+            }
+        }
+    }
+
+    /// Returns the parts of a step that run.
+    fn parts_of(&self, step: usize) -> impl Iterator<Item = (&StepPart, &RunningPart)> {
+        self.running_parts.iter().filter(move |(part, _)| part.step == step)
+    }
+
+    /// Lets a joint action begin if all of its agents have agreed.
+    fn agreed(&mut self, part: StepPart, out: &mut Vec<ExecutionCommand>) {
+        let Some(running) = self.running_parts.get_mut(&part) else { return };
+        if running.has_begun {
+            // Its agent was restarted, and would begin later than the others.
+            return out.push(ExecutionCommand::CancelStep(part));
+        }
+        running.has_agreed = true;
+        let agents = running.agents;
+        let agreed = self.parts_of(part.step).filter(|(_, running)| running.has_agreed);
+        if agents > 1 && agreed.count() == agents {
+            let parts = self.running_parts.iter_mut().filter(|(other, _)| other.step == part.step);
+            for (part, running) in parts {
+                running.has_begun = true;
+                out.push(ExecutionCommand::BeginStep(*part));
+            }
         }
     }
 
     fn reported(
         &mut self,
-        step: usize,
+        part: StepPart,
         report: Report,
         heartbeats: &LastHeartbeats,
         out: &mut Vec<ExecutionCommand>,
     ) {
-        let Some(agent) = self.running_steps.get(&step).map(|running| running.agent.clone()) else {
+        let Some(agent) = self.running_parts.get(&part).map(|running| running.agent.clone()) else {
             return;
         };
         match report.outcome {
-            Outcome::Done => self.step_done(step, &agent, report, heartbeats, out),
+            Outcome::Done => self.part_done(part, report, heartbeats, out),
             Outcome::Failed => {
                 if let Some(why @ (Reason::Uncertain | Reason::TimedOut)) = report.declined {
-                    return self.step_uncertain(step, &agent, (why, &report.detail), out);
+                    return self.step_uncertain(part, &agent, (why, &report.detail), out);
                 }
                 // The agent is able, and its surroundings are not as the plan assumed: the next
                 // plan begins with the facts that it reports.
                 if report.declined == Some(Reason::Conflict)
-                    && let Some(running) = self.running_steps.get_mut(&step)
+                    && let Some(running) = self.running_parts.get_mut(&part)
                 {
                     running.is_blamed = false;
                 }
                 let problem = format!("`{agent}` failed: {}", report.detail);
-                self.fail(step, Report { declined: report.declined, ..failure(problem) }, out);
+                self.fail(part, Report { declined: report.declined, ..failure(problem) }, out);
             }
             Outcome::Cancelled => {
                 let problem = format!("`{agent}` gave up: {}", report.detail);
-                self.fail(step, failure(problem), out);
+                self.fail(part, failure(problem), out);
             }
             Outcome::Progress | Outcome::Holds => out.push(ExecutionCommand::Report(report)),
         }
     }
 
-    /// Handles a step that is done: applies its effects, sends these effects to the Domain
-    /// Maintainer, and continues the plan.
-    fn step_done(
+    /// Handles a part that is done. When all parts of its step are, applies the effects of the step,
+    /// sends these effects to the Domain Maintainer, and continues the plan.
+    fn part_done(
         &mut self,
-        step: usize,
-        agent: &AgentId,
+        part: StepPart,
         mut report: Report,
         heartbeats: &LastHeartbeats,
         out: &mut Vec<ExecutionCommand>,
     ) {
-        let running = self.running_steps.remove(&step);
+        let step = part.step;
+        let running = self.running_parts.remove(&part);
+        if self.parts_of(step).next().is_some() || self.failed_steps.contains(&step) {
+            return self.end_if_idle(out);
+        }
         let action = running.map(|running| running.action).unwrap_or_default();
         match self.execution.finish(step) {
             Ok(change) => {
-                // Only the last heartbeat and the last action of an agent count.
-                self.unverified_effects.remove(agent);
-                let doubt = heartbeats.check_effect(agent, action, &change);
-                self.unverified_effects.extend(doubt.map(|doubt| (agent.clone(), doubt)));
-                self.send_change(change, agent, out);
+                let agents = self.execution.actors(step);
+                for agent in &agents {
+                    // Only the last heartbeat and the last action of an agent count.
+                    self.unverified_effects.remove(agent);
+                    let doubt = heartbeats.check_effect(agent, action.clone(), &change);
+                    self.unverified_effects.extend(doubt.map(|doubt| (agent.clone(), doubt)));
+                }
+                for (agent, change) in by_agent(change, &agents) {
+                    self.send_change(change, &agent, out);
+                }
             }
             Err(problem) => return self.give_up(failure(problem), out),
         }
@@ -361,40 +454,40 @@ impl PlanState {
     /// not count as failed if its agent was restarted.
     fn step_uncertain(
         &mut self,
-        step: usize,
+        part: StepPart,
         agent: &AgentId,
         (why, detail): (Reason, &str),
         out: &mut Vec<ExecutionCommand>,
     ) {
-        let change = self.execution.uncertain(step);
-        if let Some(running) = self.running_steps.get_mut(&step) {
+        let change = self.execution.uncertain(part.step);
+        if let Some(running) = self.running_parts.get_mut(&part) {
             running.is_blamed = why != Reason::Uncertain;
         }
         if !change.believe.is_empty() {
             self.send_change(change, agent, out);
         }
         let report = failure(format!("`{agent}`: {detail}"));
-        self.fail(step, Report { declined: Some(why), ..report }, out);
+        self.fail(part, Report { declined: Some(why), ..report }, out);
     }
 
-    fn refused(&mut self, step: usize, refusal: &Refusal, out: &mut Vec<ExecutionCommand>) {
-        let Some(running) = self.running_steps.get_mut(&step) else { return };
+    fn refused(&mut self, part: StepPart, refusal: &Refusal, out: &mut Vec<ExecutionCommand>) {
+        let Some(running) = self.running_parts.get_mut(&part) else { return };
         // A busy agent has not failed, because it can do the same action a moment later. Nor has
         // one that declines what the plan assumes of it: the next plan begins with what it reports.
         let is_able =
             [Reason::Busy, Reason::MailboxFull, Reason::Conflict].contains(&refusal.reason);
         running.is_blamed = !is_able;
         let problem = format!("`{}` declined: {}", running.agent, refusal.detail);
-        self.fail(step, Report { declined: Some(refusal.reason), ..failure(problem) }, out);
+        self.fail(part, Report { declined: Some(refusal.reason), ..failure(problem) }, out);
     }
 
-    /// Gives the plan up because a step is lost. Its agent may have begun the action, or begin it
+    /// Gives the plan up because a part is lost. Its agent may have begun the action, or begin it
     /// yet, so the action is cancelled, unless that has been done.
-    fn lost(&mut self, step: usize, problem: String, out: &mut Vec<ExecutionCommand>) {
+    fn lost(&mut self, part: StepPart, problem: String, out: &mut Vec<ExecutionCommand>) {
         if self.final_report.is_none() {
-            out.push(ExecutionCommand::CancelStep(step));
+            out.push(ExecutionCommand::CancelStep(part));
         }
-        self.fail(step, failure(problem), out);
+        self.fail(part, failure(problem), out);
     }
 
     fn send_change(
@@ -410,11 +503,14 @@ impl PlanState {
         }));
     }
 
-    /// Gives the plan up because a step has failed.
-    fn fail(&mut self, step: usize, mut report: Report, out: &mut Vec<ExecutionCommand>) {
-        report.detail = format!("{}: {}", self.execution.step_text(step), report.detail);
-        if let Some(running) = self.running_steps.remove(&step) {
-            out.push(ExecutionCommand::CloseStep(step));
+    /// Gives the plan up because a part has failed. The other parts of its step are cancelled like
+    /// all that run.
+    fn fail(&mut self, part: StepPart, mut report: Report, out: &mut Vec<ExecutionCommand>) {
+        report.detail = format!("{}: {}", self.execution.step_text(part.step), report.detail);
+        if let Some(running) = self.running_parts.remove(&part) {
+            self.failed_steps.insert(part.step);
+            out.push(ExecutionCommand::CloseStep(part));
+            report.agent = Some(running.agent).filter(|_| running.agents > 1);
             report.action = Some(running.action).filter(|_| running.is_blamed);
         }
         self.give_up(report, out);
@@ -422,19 +518,19 @@ impl PlanState {
 
     // === ending ===
 
-    /// Decides the outcome of the plan and cancels its running steps. The plan ends when no step
+    /// Decides the outcome of the plan and cancels the parts that run. The plan ends when no part
     /// runs any more.
     fn give_up(&mut self, report: Report, out: &mut Vec<ExecutionCommand>) {
         if self.final_report.is_none() {
             self.final_report = Some(report);
             self.phase = ExecutionPhase::GivingUp;
-            out.extend(self.running_steps.keys().map(|step| ExecutionCommand::CancelStep(*step)));
+            out.extend(self.running_parts.keys().map(|part| ExecutionCommand::CancelStep(*part)));
         }
         self.end_if_idle(out);
     }
 
     fn end_if_idle(&mut self, out: &mut Vec<ExecutionCommand>) {
-        if !self.running_steps.is_empty() {
+        if !self.running_parts.is_empty() {
             return;
         }
         if let Some(report) = self.final_report.clone() {

@@ -20,6 +20,8 @@ pub enum ExecutionPhase {
 pub enum ExecutionEventKind {
     /// The plan begins, or continues after a take-over.
     Started,
+    /// An agent has agreed to its part of a step.
+    StepAgreed,
     /// An agent has reported about a step.
     StepReported,
     /// An agent has refused a step.
@@ -67,6 +69,7 @@ const fn leads(
 /// in that phase.
 pub const TRANSITIONS: &[ExecutionTransition] = &[
     leads(ExecutionEventKind::Started, Running, &[Running, GivingUp, Ended]),
+    leads(ExecutionEventKind::StepAgreed, Running, &[Running]),
     leads(ExecutionEventKind::StepReported, Running, &[Running, AwaitingEffects, GivingUp, Ended]),
     leads(ExecutionEventKind::StepReported, GivingUp, &[GivingUp, Ended]),
     leads(ExecutionEventKind::StepRefused, Running, &[Running, GivingUp, Ended]),

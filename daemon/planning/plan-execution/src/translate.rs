@@ -1,12 +1,21 @@
-//! Translation of a plan step into a method of an actuator. (The paper: “transforms these higher
+//! Translation of a plan step into methods of its actuators. (The paper: “transforms these higher
 //! level actions into lower level methods that the specific actuators have access to”.)
 
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::AgentId;
-use acl::content::{Offer, Offers};
+use acl::content::{Offer, Offers, acting_agents};
 use pddl::{Domain, PlanStep};
+
+/// Part of one agent in a step. A step has one part, or several in a joint action.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct StepPart {
+    /// Index of the step in the plan.
+    pub step: usize,
+    /// Position of the agent among those that act in the step.
+    pub position: usize,
+}
 
 /// The request that is sent to an actuator for one step.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -22,26 +31,49 @@ pub struct ActionRequest {
     /// Longest time that the method may take. After it, the action is reported as timed
     /// out.
     pub timeout: Duration,
+    /// How long the actuator waits for the other agents of a joint action; `None` if it acts alone.
+    pub ready_for: Option<Duration>,
 }
 
-/// Returns the agent that acts in a step: the first argument of the step. Returns `None` if that
-/// argument is missing or is not a valid agent name.
-pub(crate) fn acting_agent(step: &PlanStep) -> Option<AgentId> {
-    AgentId::new(step.arguments.first()?.as_str()).ok()
+/// Returns the agents that act in a step: the first argument of the step, and in a joint action the
+/// next ones. The list is empty if the first argument is missing or is not a valid agent name.
+pub(crate) fn actors(step: &PlanStep, offers: &Offers) -> Vec<AgentId> {
+    let arguments = step.arguments.iter().map(|argument| argument.as_str());
+    acting_agents(offers, step.action.as_str(), arguments)
 }
 
-/// Translates a step of a plan into the request for its actuator.
+/// Translates a step of a plan into the requests for its actuators, in the order of its agents.
 ///
 /// # Errors
 ///
-/// Returns an error if the agent does not offer the action, or if the method of the action does not
+/// Returns an error if an agent does not offer the action, or if the method of the action does not
 /// fit the step. The error text completes “step `…`: ”.
 pub(crate) fn translate(
     step: &PlanStep,
     domain: &Domain,
     offers: &Offers,
+) -> Result<Vec<ActionRequest>, String> {
+    let agents = actors(step, offers);
+    if agents.is_empty() {
+        return Err("no agent acts in it".to_owned());
+    }
+    let requests = agents.into_iter().map(|agent| translate_part(step, agent, domain, offers));
+    let mut requests: Vec<ActionRequest> = requests.collect::<Result<_, _>>()?;
+    if requests.len() > 1 {
+        // An agent may have to ask people before it is ready, which its time limit includes.
+        let ready_for = requests.iter().map(|request| request.timeout).max();
+        requests.iter_mut().for_each(|request| request.ready_for = ready_for);
+    }
+    Ok(requests)
+}
+
+/// Translates the part of one agent in a step.
+fn translate_part(
+    step: &PlanStep,
+    agent: AgentId,
+    domain: &Domain,
+    offers: &Offers,
 ) -> Result<ActionRequest, String> {
-    let agent = acting_agent(step).ok_or("no agent acts in it")?;
     let (outside, offer) = offers
         .get(&agent)
         .and_then(|actions| actions.iter().find(|(_, offer)| step.action == *offer.schema.as_str()))
@@ -67,6 +99,7 @@ pub(crate) fn translate(
         method: method.method.clone(),
         arguments: method.bind(&bound)?,
         timeout: method.timeout.0,
+        ready_for: None,
     })
 }
 
@@ -86,12 +119,17 @@ mod tests {
             arguments: [("pose".to_owned(), template.to_owned())].into(),
             timeout: Millis(Duration::from_secs(60)),
         };
-        let offer = Offer { schema: "move--r".into(), guard: String::new(), method: Some(method) };
+        let offer = Offer {
+            schema: "move--r".into(),
+            guard: String::new(),
+            method: Some(method),
+            agents: 1,
+        };
         let robot = AgentId::new("r2").expect("a name");
         let offers = [(robot, [("move".to_owned(), offer)].into())].into();
         let domain = pddl::parse_domain(DOMAIN).into_result().expect("a domain");
         let step = pddl::parse_step("(move--r r2 hall office1)").into_result().expect("a step");
-        translate(&step, &domain, &offers)
+        translate(&step, &domain, &offers).map(|mut requests| requests.remove(0))
     }
 
     #[test]

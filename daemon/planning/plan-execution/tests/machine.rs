@@ -10,7 +10,7 @@ use acl::{AgentId, Incarnation, Millis};
 use pddl::knowledge::Knowledge;
 use plan_execution::{
     CheckDelay, ExecutionCommand, ExecutionEvent, ExecutionPhase, LastHeartbeats, PlanState,
-    TRANSITIONS, is_lawful,
+    StepPart, TRANSITIONS, is_lawful,
 };
 use proptest::prelude::*;
 
@@ -26,6 +26,11 @@ const DOMAIN: &str = "(define (domain office)
 
 /// A plan in which the steps 0 and 1 are independent, and step 2 needs both.
 const PLAN: &str = "(go robot hall room)\n(light lamp room)\n(show robot room)";
+
+/// The part of the only agent of a step.
+fn part(step: usize) -> StepPart {
+    StepPart { step, position: 0 }
+}
 
 fn agent(name: &str) -> AgentId {
     AgentId::new(name).expect("a name")
@@ -44,7 +49,7 @@ fn offers() -> Offers {
         let timeout = Millis(Duration::from_secs(5));
         let method = Method { method: action.to_owned(), arguments: BTreeMap::new(), timeout };
         let schema = action.to_owned();
-        (action.to_owned(), Offer { schema, guard: String::new(), method: Some(method) })
+        (action.to_owned(), Offer { schema, guard: String::new(), method: Some(method), agents: 1 })
     };
     let robot = [offer("go"), offer("show")].into();
     [(agent("robot"), robot), (agent("lamp"), [offer("light")].into())].into()
@@ -138,22 +143,24 @@ impl Owner {
 
     fn tell(&mut self, event: ExecutionEvent) -> Vec<ExecutionCommand> {
         let (kind, from) = (event.kind(), self.state.phase());
-        if let ExecutionEvent::StepReported(step, report) = &event
+        if let ExecutionEvent::StepReported(StepPart { step, .. }, report) = &event
             && report.outcome == Outcome::Done
             && self.open.remove(step)
         {
             self.confirmed.insert(*step);
         }
         match &event {
-            ExecutionEvent::StepReported(step, report) if report.outcome.is_final() => {
+            ExecutionEvent::StepReported(StepPart { step, .. }, report)
+                if report.outcome.is_final() =>
+            {
                 self.acting.remove(step);
             }
-            ExecutionEvent::StepRefused(step, _) => {
+            ExecutionEvent::StepRefused(StepPart { step, .. }, _) => {
                 self.acting.remove(step);
             }
             _ => (),
         }
-        if let ExecutionEvent::StepAbandoned(step) = &event
+        if let ExecutionEvent::StepAbandoned(StepPart { step, .. }) = &event
             && from == ExecutionPhase::GivingUp
         {
             self.open.remove(step);
@@ -173,7 +180,7 @@ impl Owner {
 
     fn obey(&mut self, command: &ExecutionCommand) {
         match command {
-            ExecutionCommand::RequestStep(step, request) => {
+            ExecutionCommand::RequestStep(StepPart { step, .. }, request) => {
                 assert!(self.requested.insert(*step), "step {step} is requested twice");
                 let needs = if *step == 2 { vec![0, 1] } else { Vec::new() };
                 assert!(needs.iter().all(|before| self.confirmed.contains(before)));
@@ -181,11 +188,12 @@ impl Owner {
                 self.open.insert(*step);
                 self.acting.insert(*step);
             }
-            ExecutionCommand::CancelStep(step) => {
+            ExecutionCommand::CancelStep(StepPart { step, .. }) => {
                 assert!(self.open.contains(step), "step {step} does not run");
                 assert!(self.cancelled.insert(*step), "step {step} is cancelled twice");
             }
-            ExecutionCommand::CloseStep(step) => assert!(self.open.remove(step)),
+            ExecutionCommand::BeginStep(_) => panic!("no joint action is in the plan"),
+            ExecutionCommand::CloseStep(StepPart { step, .. }) => assert!(self.open.remove(step)),
             ExecutionCommand::End(report) => self.ends.push(report.clone()),
             ExecutionCommand::Report(report) => assert!(!report.outcome.is_final()),
             ExecutionCommand::SendChange(change) => assert!(change.owner.is_some()),
@@ -249,15 +257,16 @@ fn events(owner: &mut Owner) -> Vec<ExecutionEvent> {
     ];
     for step in 0..3 {
         all.extend([
-            ExecutionEvent::StepReported(step, done()),
-            ExecutionEvent::StepReported(step, report(Outcome::Failed)),
-            ExecutionEvent::StepReported(step, uncertain.clone()),
-            ExecutionEvent::StepReported(step, report(Outcome::Cancelled)),
-            ExecutionEvent::StepReported(step, report(Outcome::Progress)),
-            ExecutionEvent::StepRefused(step, Refusal::new(Reason::Busy, "busy")),
-            ExecutionEvent::StepRefused(step, Refusal::new(Reason::Incapable, "no")),
-            ExecutionEvent::StepLost(step, "`robot` did not answer in time".to_owned()),
-            ExecutionEvent::StepAbandoned(step),
+            ExecutionEvent::StepReported(part(step), done()),
+            ExecutionEvent::StepReported(part(step), report(Outcome::Failed)),
+            ExecutionEvent::StepReported(part(step), uncertain.clone()),
+            ExecutionEvent::StepReported(part(step), report(Outcome::Cancelled)),
+            ExecutionEvent::StepReported(part(step), report(Outcome::Progress)),
+            ExecutionEvent::StepRefused(part(step), Refusal::new(Reason::Busy, "busy")),
+            ExecutionEvent::StepRefused(part(step), Refusal::new(Reason::Incapable, "no")),
+            ExecutionEvent::StepLost(part(step), "`robot` did not answer in time".to_owned()),
+            ExecutionEvent::StepAgreed(part(step)),
+            ExecutionEvent::StepAbandoned(part(step)),
         ]);
     }
     all
@@ -268,11 +277,11 @@ fn independent_steps_run_in_parallel_and_the_last_one_after_both() {
     let mut owner = Owner::new();
     owner.tell(ExecutionEvent::Started);
     assert_eq!(owner.open, [0, 1].into());
-    owner.tell(ExecutionEvent::StepReported(1, done()));
+    owner.tell(ExecutionEvent::StepReported(part(1), done()));
     assert_eq!(owner.open, [0].into());
-    owner.tell(ExecutionEvent::StepReported(0, done()));
+    owner.tell(ExecutionEvent::StepReported(part(0), done()));
     assert_eq!(owner.open, [2].into());
-    owner.tell(ExecutionEvent::StepReported(2, done()));
+    owner.tell(ExecutionEvent::StepReported(part(2), done()));
     assert_eq!(owner.ends.len(), 1);
     assert_eq!(owner.ends[0].outcome, Outcome::Done);
 }
@@ -284,13 +293,13 @@ fn a_confirmation_that_the_next_heartbeat_contradicts_fails_the_plan() {
     {
         let mut owner = Owner::new();
         owner.tell(ExecutionEvent::Started);
-        owner.tell(ExecutionEvent::StepReported(1, done()));
+        owner.tell(ExecutionEvent::StepReported(part(1), done()));
         let before = owner.beat("(at robot hall)");
         owner.tell(before);
-        owner.tell(ExecutionEvent::StepReported(0, done()));
+        owner.tell(ExecutionEvent::StepReported(part(0), done()));
         let after = owner.beat(next);
         owner.tell(after);
-        owner.tell(ExecutionEvent::StepReported(2, done()));
+        owner.tell(ExecutionEvent::StepReported(part(2), done()));
         assert_eq!(owner.ends.first().map(|end| end.outcome), Some(expected), "{next}");
     }
 }
@@ -306,7 +315,7 @@ fn a_completed_plan_waits_for_the_heartbeat_that_verifies_it() {
         owner.tell(ExecutionEvent::Started);
         let before = owner.beat("(at robot hall)");
         owner.tell(before);
-        let commands = owner.tell(ExecutionEvent::StepReported(0, done()));
+        let commands = owner.tell(ExecutionEvent::StepReported(part(0), done()));
         assert!(commands.iter().any(|command| matches!(command, ExecutionCommand::AwaitEffects)));
         assert_eq!(owner.state.phase(), ExecutionPhase::AwaitingEffects);
         let event = match next {
@@ -333,7 +342,7 @@ fn random_events_reach_every_row_of_the_table() {
             // The robot confirms a change that its last heartbeat contradicts.
             let before = owner.beat("(at robot hall)");
             owner.tell(before);
-            owner.tell(ExecutionEvent::StepReported(0, done()));
+            owner.tell(ExecutionEvent::StepReported(part(0), done()));
         }
         for _ in 0..30 {
             let all = events(&mut owner);
@@ -353,14 +362,14 @@ fn random_events_reach_every_row_of_the_table() {
 fn a_lost_step_is_cancelled_before_the_plan_ends() {
     let mut owner = Owner::of("(go robot hall room)", "(at robot room)");
     owner.tell(ExecutionEvent::Started);
-    let lost = ExecutionEvent::StepLost(0, "`robot` did not answer in time".to_owned());
+    let lost = ExecutionEvent::StepLost(part(0), "`robot` did not answer in time".to_owned());
     let commands = owner.tell(lost);
     assert!(
         matches!(
             commands[..],
             [
-                ExecutionCommand::CancelStep(0),
-                ExecutionCommand::CloseStep(0),
+                ExecutionCommand::CancelStep(StepPart { step: 0, .. }),
+                ExecutionCommand::CloseStep(StepPart { step: 0, .. }),
                 ExecutionCommand::End(_)
             ]
         ),
@@ -379,8 +388,9 @@ fn a_check_that_fails_twice_ends_the_plan() {
     owner.tell(ExecutionEvent::CheckDue(CheckDelay::Settle));
     owner.tell(snapshot(""));
     assert_eq!(owner.state.phase(), ExecutionPhase::GivingUp);
-    owner.tell(ExecutionEvent::StepAbandoned(0));
-    owner.tell(ExecutionEvent::StepReported(1, Report::new(Outcome::Cancelled, "it stopped")));
+    owner.tell(ExecutionEvent::StepAbandoned(part(0)));
+    owner
+        .tell(ExecutionEvent::StepReported(part(1), Report::new(Outcome::Cancelled, "it stopped")));
     assert_eq!(owner.ends.len(), 1);
     assert_eq!(owner.ends[0].outcome, Outcome::Failed);
 }
@@ -391,8 +401,8 @@ fn an_incapable_agent_is_reported_and_a_busy_one_is_not() {
     {
         let mut owner = Owner::new();
         owner.tell(ExecutionEvent::Started);
-        owner.tell(ExecutionEvent::StepRefused(1, Refusal::new(reason, "no")));
-        owner.tell(ExecutionEvent::StepAbandoned(0));
+        owner.tell(ExecutionEvent::StepRefused(part(1), Refusal::new(reason, "no")));
+        owner.tell(ExecutionEvent::StepAbandoned(part(0)));
         let end = owner.ends.first().expect("it has ended");
         assert_eq!(end.action.as_deref(), expected);
         assert_eq!(end.declined, Some(reason));
@@ -406,8 +416,8 @@ fn an_action_that_its_surroundings_hinder_is_not_avoided() {
         let mut owner = Owner::new();
         owner.tell(ExecutionEvent::Started);
         let report = Report { declined, ..Report::new(Outcome::Failed, "the way is blocked") };
-        owner.tell(ExecutionEvent::StepReported(1, report));
-        owner.tell(ExecutionEvent::StepAbandoned(0));
+        owner.tell(ExecutionEvent::StepReported(part(1), report));
+        owner.tell(ExecutionEvent::StepAbandoned(part(0)));
         let end = owner.ends.first().expect("it has ended");
         assert_eq!(end.action.as_deref(), expected);
     }

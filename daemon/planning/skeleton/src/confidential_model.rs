@@ -66,6 +66,9 @@ impl ConfidentialModel {
         let unsupported = match model {
             _ if !model.durative_actions.is_empty() => Some("durative actions"),
             _ if !model.derived.is_empty() => Some("axioms"),
+            _ if model.actions.iter().any(|action| !action.partners.is_empty()) => {
+                Some("actions of several agents at once")
+            }
             _ => None,
         };
         if let Some(unsupported) = unsupported {

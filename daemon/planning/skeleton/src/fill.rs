@@ -210,6 +210,7 @@ impl<'t> FillTask<'t> {
                 ActionSchema {
                     name,
                     agent: None,
+                    partners: Vec::new(),
                     parameters: all,
                     precondition: Condition::And(conditions),
                     effect: Effect::And(effects),
@@ -222,6 +223,7 @@ impl<'t> FillTask<'t> {
                 ActionSchema {
                     name,
                     agent: None,
+                    partners: Vec::new(),
                     parameters: Vec::new(),
                     precondition: Condition::And(conditions),
                     effect: Effect::And(effects),

@@ -161,6 +161,9 @@ fn refuse_unsupported(task: &AgentFiles, symbols: &PrivateSymbols) -> Result<(),
     }
     for action in &domain.actions {
         let name = &action.name;
+        if !action.partners.is_empty() {
+            return Err(format!("several agents act in `{name}` of `{agent}` at once"));
+        }
         if compares_cost(&action.precondition) {
             return Err(format!("`{name}` of `{agent}` has a condition about `{TOTAL_COST}`"));
         }

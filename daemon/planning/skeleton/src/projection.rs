@@ -190,6 +190,7 @@ impl Projector<'_> {
         let projected = ActionSchema {
             name: self.names.action(&action.name, is_public),
             agent: kept.by_ref().take(agents).next(),
+            partners: Vec::new(),
             parameters: kept.collect(),
             precondition,
             effect,

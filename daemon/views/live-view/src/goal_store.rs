@@ -587,7 +587,10 @@ impl GoalStore {
         }
         // The Plan Executor may have reported the end first; the agent's own report is more exact.
         let is_confirmed = step.state == state && step.ended_at.is_some();
-        if !is_confirmed {
+        // A joint action that one agent fails or refuses is cancelled at the others.
+        let has_failed = matches!(step.state, StepState::Failed | StepState::Refused)
+            && state == StepState::Cancelled;
+        if !is_confirmed && !has_failed {
             step.end(at, state);
         }
         if state != StepState::Cancelled {

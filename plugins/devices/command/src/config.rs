@@ -95,7 +95,7 @@ impl Config {
 
 impl ActionEntry {
     fn parse_action(self, schema: &ActionSchema) -> Result<ActionProgram, String> {
-        let variables = schema.agent.iter().chain(&schema.parameters);
+        let variables = schema.all_parameters();
         let variables: Vec<_> = variables.map(|one| one.name.as_str().to_owned()).collect();
         if self.run.first().is_none_or(String::is_empty) {
             return Err("write run = [\"PROGRAM\", \"ARGUMENT\"]".to_owned());

@@ -85,10 +85,10 @@ impl RequestChecker<'_> {
     }
 
     /// Returns the objects of the model, the map and the ontology that a variable may stand for. The
-    /// variable of the agent stands for the agent.
+    /// variable of the agent stands for the agent, unless several agents act.
     fn candidates(&self, parameter: &Typed) -> Vec<String> {
         let is_agent = self.schema.agent.as_ref().is_some_and(|agent| agent == parameter);
-        if is_agent {
+        if is_agent && self.schema.partners.is_empty() {
             return vec![self.blueprint.id.to_string()];
         }
         let (ontology, map) = (&self.blueprint.host.ontology, &self.blueprint.host.map);

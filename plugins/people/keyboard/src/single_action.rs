@@ -9,7 +9,7 @@
 use std::time::Duration;
 
 use acl::AgentId;
-use acl::content::{Execute, Offer, Offers, Snapshot};
+use acl::content::{Execute, Offer, Offers, Snapshot, acting_agents};
 use pddl::{Condition, InitElement, Plan, PlanStep, Problem, Severity};
 
 /// Returns a plan with the given action as its only step, and the time limit of the method that
@@ -30,7 +30,9 @@ pub(crate) fn one_step_plan(
     if let Some(refusal) = stopped(&step, &problem) {
         return Err(refusal);
     }
-    let (agent, offer) = offer_of(&step, &snapshot.offers)?;
+    let offer = offer_of(&step, &snapshot.offers)?;
+    let arguments = step.arguments.iter().map(|argument| argument.as_str());
+    let acting = acting_agents(&snapshot.offers, step.action.as_str(), arguments);
     let timeout = offer.method.as_ref().map_or(Duration::ZERO, |method| method.timeout.0);
     let inside = PlanStep { action: offer.schema.as_str().into(), ..step };
     let plan = Plan { steps: vec![inside], cost: None };
@@ -40,7 +42,7 @@ pub(crate) fn one_step_plan(
     }
     // The goal is empty, because the person requests an action, not a state.
     let problem = Problem { goal: Condition::And(Vec::new()), ..problem };
-    let offers = snapshot.offers.into_iter().filter(|(other, _)| *other == agent).collect();
+    let offers = snapshot.offers.into_iter().filter(|(agent, _)| acting.contains(agent)).collect();
     let execute = Execute {
         domain: snapshot.domain,
         problem: problem.to_string(),
@@ -71,9 +73,9 @@ fn stopped(step: &PlanStep, problem: &Problem) -> Option<String> {
     })
 }
 
-/// Returns the agent of a step, and the agent's offer of the action. Returns an error, as text for
-/// a person, if no agent offers the action.
-fn offer_of(step: &PlanStep, offers: &Offers) -> Result<(AgentId, Offer), String> {
+/// Returns the offer of the action by the first agent of a step. Returns an error, as text for a
+/// person, if the agent does not offer the action.
+fn offer_of(step: &PlanStep, offers: &Offers) -> Result<Offer, String> {
     let named = step.arguments.first().map_or("", |name| name.as_str());
     let hint = |word: &str, known: Vec<&str>| {
         let near = pddl::nearest(word, known.iter().copied());
@@ -93,11 +95,10 @@ fn offer_of(step: &PlanStep, offers: &Offers) -> Result<(AgentId, Offer), String
         ));
     };
     let action = step.action.as_str();
-    let offer = actions.get(action).cloned().ok_or_else(|| {
+    actions.get(action).cloned().ok_or_else(|| {
         let known = actions.keys().map(String::as_str).collect();
         format!("`{agent}` does not offer `{action}`; {}", hint(action, known))
-    })?;
-    Ok((agent.clone(), offer))
+    })
 }
 
 fn first(found: &[pddl::Diagnostic], text: &str) -> String {
@@ -117,7 +118,12 @@ mod tests {
             arguments: Default::default(),
             timeout: Millis(Duration::from_secs(7)),
         };
-        let offer = Offer { schema: "move--r".into(), guard: String::new(), method: Some(method) };
+        let offer = Offer {
+            schema: "move--r".into(),
+            guard: String::new(),
+            method: Some(method),
+            agents: 1,
+        };
         let robot = AgentId::new("r2").expect("a name");
         let domain = "(define (domain d) (:types robot place)
             (:action move--r :agent ?r - robot :parameters (?from ?to - place) :effect ()))";

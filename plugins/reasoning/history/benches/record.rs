@@ -220,6 +220,7 @@ fn goal(recorder: &mut EventRecorder, minute: u64, at_ms: u64) -> String {
             round: 1,
             step: 0,
         },
+        ready_for: None,
     };
     let act = value(&Request::Act(Box::new(act)));
     say(Protocol::Action, Performative::Request, "executor", &device, "s", true, act);

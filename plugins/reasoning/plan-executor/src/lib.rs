@@ -21,14 +21,18 @@ mod takeover;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::content::{Act, ActionToken, Execute, Outcome, Reason, Refusal, Report, Request, value};
-use acl::{AgentId, Incarnation, Message, Performative, Protocol, ReplyToken};
+use acl::content::{
+    Act, ActionToken, Choice, Execute, Outcome, Reason, Refusal, Report, Request, value,
+};
+use acl::{AgentId, Incarnation, Message, Millis, Performative, Protocol, ReplyToken};
 use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, ExchangeEvent, ExchangeOpening,
     LaunchableAgent, Participation, PluginEntry, Presence, Resident, StepOutcome, TimerId,
     WorkHandle,
 };
-use plan_execution::{ActionRequest, ExecutionCommand, ExecutionEvent, LastHeartbeats, PlanState};
+use plan_execution::{
+    ActionRequest, ExecutionCommand, ExecutionEvent, LastHeartbeats, PlanState, StepPart,
+};
 use serde::Deserialize;
 
 use crate::takeover::{FinishedPlans, PlanId, Subscribers};
@@ -95,8 +99,8 @@ struct RunningPlan {
     /// The request for the plan, as the Plan Requester sent it.
     original_request: Box<Execute>,
     state: PlanState,
-    /// Exchanges with the actuators that carry out a step, by the index of the step.
-    step_exchanges: BTreeMap<usize, StepExchange>,
+    /// Exchanges with the actuators that carry out a step.
+    step_exchanges: BTreeMap<StepPart, StepExchange>,
     check_timer: Option<TimerId>,
     state_query: Option<WorkHandle>,
     /// Timer that limits the time for which a completed plan waits for the heartbeats that verify
@@ -104,11 +108,15 @@ struct RunningPlan {
     verification_timer: Option<TimerId>,
 }
 
-/// The exchange with an actuator about a step.
+/// The exchange with an actuator about its part of a step.
 #[derive(Clone)]
 struct StepExchange {
     exchange: ReplyToken,
     agent: AgentId,
+    /// Time limit of the method.
+    timeout: Duration,
+    /// How long the agent waits for the other agents of a joint action; zero if it acts alone.
+    ready_for: Duration,
     /// Incarnation of the agent that received the request for the step; `None` if the agent was not
     /// present.
     agent_incarnation: Option<Incarnation>,
@@ -231,13 +239,14 @@ impl PlanExecutor {
         let mut abandoned = Vec::new();
         for command in commands {
             match command {
-                ExecutionCommand::RequestStep(step, request) => {
-                    self.request_step(token, step, *request, ctx)
+                ExecutionCommand::RequestStep(part, request) => {
+                    self.request_step(token, part, *request, ctx)
                 }
-                ExecutionCommand::CancelStep(step) => {
-                    abandoned.extend(self.cancel_step(token, step, ctx));
+                ExecutionCommand::BeginStep(part) => self.begin_step(token, part, ctx),
+                ExecutionCommand::CancelStep(part) => {
+                    abandoned.extend(self.cancel_step(token, part, ctx));
                 }
-                ExecutionCommand::CloseStep(step) => self.close_step(token, step, ctx),
+                ExecutionCommand::CloseStep(part) => self.close_step(token, part, ctx),
                 ExecutionCommand::SendChange(change) => self.send_change(token, change, ctx),
                 ExecutionCommand::Report(report) => self.report(token, &report, ctx),
                 ExecutionCommand::ScheduleCheck(delay) => self.schedule_check(token, delay, ctx),
@@ -251,22 +260,21 @@ impl PlanExecutor {
                 ExecutionCommand::End(report) => self.end(token, report, ctx),
             }
         }
-        for step in abandoned {
-            self.handle(token, ExecutionEvent::StepAbandoned(step), ctx);
+        for part in abandoned {
+            self.handle(token, ExecutionEvent::StepAbandoned(part), ctx);
         }
     }
 
     fn request_step(
         &mut self,
         token: &ReplyToken,
-        step: usize,
+        part: StepPart,
         request: ActionRequest,
         ctx: &mut Context<Self>,
     ) {
-        let patience = ctx.settings().answer_deadline;
         let Some(running) = self.running_plans.get_mut(token) else { return };
         let PlanId { conversation, term, round } = running.plan.clone();
-        let ActionRequest { agent, action, method, arguments, timeout } = request;
+        let ActionRequest { agent, action, method, arguments, timeout, ready_for } = request;
         let act = Act {
             action,
             method,
@@ -275,8 +283,9 @@ impl PlanExecutor {
                 term,
                 conversation: conversation.clone(),
                 round,
-                step: u32::try_from(step).unwrap_or(u32::MAX),
+                step: u32::try_from(part.step).unwrap_or(u32::MAX),
             },
+            ready_for: ready_for.map(Millis),
         };
         tracing::info!(%conversation, action = act.action, %agent, "dispatches");
         let opening = ExchangeOpening {
@@ -287,53 +296,68 @@ impl PlanExecutor {
             content: value(&Request::Act(Box::new(act))),
         };
         let plan = token.clone();
+        let ready_for = ready_for.unwrap_or_default();
+        let patience = ctx.settings().answer_deadline + ready_for;
         let exchange = ctx.open(opening, patience, move |executor: &mut Self, answer, ctx| {
-            executor.answered(&plan, (step, timeout), answer, ctx);
+            executor.answered(&plan, part, answer, ctx);
         });
         let agent_incarnation = ctx.find(&agent).map(|resident| resident.incarnation);
-        running.step_exchanges.insert(step, StepExchange { exchange, agent, agent_incarnation });
+        let exchange = StepExchange { exchange, agent, timeout, ready_for, agent_incarnation };
+        running.step_exchanges.insert(part, exchange);
+    }
+
+    /// Tells the actuator of a part that all agents of its joint action are ready, and that it begins.
+    fn begin_step(&mut self, token: &ReplyToken, part: StepPart, ctx: &mut Context<Self>) {
+        let Some(running) = self.running_plans.get(token) else { return };
+        if let Some(begun) = running.step_exchanges.get(&part) {
+            let choice =
+                Choice { covers: Vec::new(), detail: "all of its agents are ready".into() };
+            let (exchange, agent) = (&begun.exchange, &begun.agent);
+            ctx.send_turn(exchange, agent, Performative::AcceptProposal, value(&choice));
+            ctx.extend(&begun.exchange, begun.timeout + ctx.settings().answer_deadline);
+        }
     }
 
     fn answered(
         &mut self,
         token: &ReplyToken,
-        (step, timeout): (usize, Duration),
+        part: StepPart,
         answer: ExchangeEvent,
         ctx: &mut Context<Self>,
     ) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
-        let Some(StepExchange { exchange, agent, .. }) = running.step_exchanges.get(&step) else {
-            return;
-        };
+        let Some(asked) = running.step_exchanges.get(&part) else { return };
+        let StepExchange { exchange, agent, timeout, ready_for, .. } = asked;
         let event = match answer {
             ExchangeEvent::TimedOut => {
-                ExecutionEvent::StepLost(step, format!("`{agent}` did not answer in time"))
+                ExecutionEvent::StepLost(part, format!("`{agent}` did not answer in time"))
             }
             ExchangeEvent::Undelivered(why) => {
-                ExecutionEvent::StepLost(step, format!("`{agent}` could not be reached: {why}"))
+                ExecutionEvent::StepLost(part, format!("`{agent}` could not be reached: {why}"))
             }
             ExchangeEvent::Message(message) => match message.performative {
                 Performative::Agree => {
                     // The agent has agreed; from now on the time limit is that of its method.
                     let margin = ctx.settings().answer_deadline;
-                    return ctx.extend(exchange, timeout + margin);
+                    ctx.extend(exchange, *ready_for + *timeout + margin);
+                    ExecutionEvent::StepAgreed(part)
                 }
                 Performative::Confirm => match message.content_as::<Report>() {
                     Ok(report) => {
                         if report.outcome.is_final() {
-                            running.step_exchanges.remove(&step);
+                            running.step_exchanges.remove(&part);
                         }
-                        ExecutionEvent::StepReported(step, report)
+                        ExecutionEvent::StepReported(part, report)
                     }
                     Err(error) => {
                         ctx.not_understood(&message, error.to_string());
                         let problem = "sent a confirmation that cannot be read";
-                        ExecutionEvent::StepLost(step, format!("`{agent}` {problem}"))
+                        ExecutionEvent::StepLost(part, format!("`{agent}` {problem}"))
                     }
                 },
                 _ => {
                     let unread = |_| Refusal::new(Reason::Other, "without a reason");
-                    ExecutionEvent::StepRefused(step, message.content_as().unwrap_or_else(unread))
+                    ExecutionEvent::StepRefused(part, message.content_as().unwrap_or_else(unread))
                 }
             },
         };
@@ -343,30 +367,30 @@ impl PlanExecutor {
         self.handle(token, event, ctx);
     }
 
-    /// Requests the actuator of a step to cancel the action. Returns the step if the actuator is
+    /// Requests the actuator of a part to cancel the action. Returns the part if the actuator is
     /// absent. An absent actuator receives the `cancel` when it returns soon, and its answer is not
     /// awaited.
     fn cancel_step(
         &mut self,
         token: &ReplyToken,
-        step: usize,
+        part: StepPart,
         ctx: &mut Context<Self>,
-    ) -> Option<usize> {
+    ) -> Option<StepPart> {
         let running = self.running_plans.get_mut(token)?;
-        let StepExchange { exchange, agent, .. } = running.step_exchanges.get(&step)?.clone();
+        let StepExchange { exchange, agent, .. } = running.step_exchanges.get(&part)?.clone();
         ctx.send_turn(&exchange, &agent, Performative::Cancel, serde_json::Value::Null);
         if ctx.find(&agent).is_some() {
             ctx.extend(&exchange, ctx.settings().answer_deadline);
             return None;
         }
-        running.step_exchanges.remove(&step);
+        running.step_exchanges.remove(&part);
         ctx.close(&exchange);
-        Some(step)
+        Some(part)
     }
 
-    fn close_step(&mut self, token: &ReplyToken, step: usize, ctx: &mut Context<Self>) {
+    fn close_step(&mut self, token: &ReplyToken, part: StepPart, ctx: &mut Context<Self>) {
         let running = self.running_plans.get_mut(token);
-        if let Some(it) = running.and_then(|running| running.step_exchanges.remove(&step)) {
+        if let Some(it) = running.and_then(|running| running.step_exchanges.remove(&part)) {
             ctx.close(&it.exchange);
         }
     }

@@ -118,7 +118,8 @@ impl PlanRequester {
                 Outcome::Done => ExecutionEnd::Done,
                 Outcome::Cancelled => ExecutionEnd::Cancelled(report.detail),
                 _ => {
-                    let blamed = report.action.as_deref().and_then(blamed);
+                    let agent = report.agent.clone();
+                    let blamed = report.action.as_deref().and_then(|it| blamed(it, agent));
                     ExecutionEnd::Failed(report, blamed)
                 }
             },
@@ -188,10 +189,11 @@ fn read(answer: ExchangeEvent) -> Result<Report, (String, Duration)> {
     })
 }
 
-/// Returns the agent and the action name of a ground action that failed; `None` if `action` cannot
-/// be parsed.
-fn blamed(action: &str) -> Option<(AgentId, String)> {
+/// Returns the agent that failed and the name of its action; `None` if `action` cannot be parsed. The
+/// agent is the first argument, unless the report names one.
+fn blamed(action: &str, agent: Option<AgentId>) -> Option<(AgentId, String)> {
     let step = pddl::parse_step(action).into_result().ok()?;
-    let agent = AgentId::new(step.arguments.first()?.as_str()).ok()?;
+    let first = || AgentId::new(step.arguments.first()?.as_str()).ok();
+    let agent = agent.or_else(first)?;
     Some((agent, step.action.as_str().to_owned()))
 }

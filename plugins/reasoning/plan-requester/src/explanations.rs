@@ -367,7 +367,7 @@ mod tests {
         let guards: Vec<String> = agents.iter().map(|agent| guard(agent)).collect();
         let offer = |agent: &&str| {
             let (schema, method) = ("measure".to_owned(), None);
-            let offer = Offer { schema, guard: guard(agent), method };
+            let offer = Offer { schema, guard: guard(agent), method, agents: 1 };
             (id(agent), [("measure".to_owned(), offer)].into())
         };
         let (outside, predicate) = ("measure".to_owned(), "offers-measure".to_owned());

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use acl::content::{
-    Achieve, Execute, GoalStatus, HISTORY_ENTRIES_MAX, HistoryEntry, Keep, Outcome, Partition,
-    Version,
+    Achieve, Execute, GoalStatus, HISTORY_ENTRIES_MAX, HistoryEntry, Keep, Offers, Outcome,
+    Partition, Version,
 };
 use acl::{AgentId, ConversationId, Incarnation, ReplyToken};
 use agent::{Participation, TimerId, TrackedGoal, WorkHandle};
@@ -18,7 +18,7 @@ use tokio::time::Instant;
 use crate::due_goal::GoalLimits;
 use crate::explanations::GoalContext;
 use crate::joint_state::JointPlanState;
-use crate::planning_snapshot::{PlanningSnapshot, outside};
+use crate::planning_snapshot::{PlanningSnapshot, actors, outside};
 use crate::proposals::ContractNetState;
 
 /// A goal that the Plan Requester pursues.
@@ -167,8 +167,10 @@ impl Goal {
 
     /// Returns the agents that act in those steps of the plan that are not known to be done.
     pub(crate) fn acting(&self) -> impl Iterator<Item = AgentId> + '_ {
-        let actors = self.steps_left.iter().filter_map(|step| step.arguments.first());
-        actors.filter_map(|actor| AgentId::new(actor.as_str()).ok())
+        let none = Offers::new();
+        let offers = self.plan.as_ref().map_or(&none, |plan| &plan.offers);
+        let acting = self.steps_left.iter().flat_map(|step| actors(step, offers));
+        acting.collect::<Vec<_>>().into_iter()
     }
 
     /// Adopts `plan` as the running plan of this goal. The steps `done` were carried out for

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use acl::AgentId;
 use acl::content::{JointPlanPart, PartStep};
 use acl::fnv::Fnv64;
-use pddl::{Condition, InitElement, Name, Plan, PlanStep};
+use pddl::{Condition, InitElement, Name, Plan};
 use planner::{Cancel, StopReason, World};
 
 use crate::explanations::listed;
@@ -32,7 +32,7 @@ pub(crate) struct JointPlan {
     pub(crate) digest: String,
     /// The part of each agent that acts in the plan.
     pub(crate) parts: BTreeMap<AgentId, JointPlanPart>,
-    /// Sentences that say which agent acts for which.
+    /// Sentences that say which agent acts for which, and which actions take several.
     helps: Vec<String>,
 }
 
@@ -53,10 +53,11 @@ impl JointPlan {
         let text = known.outside(&plan).to_string();
         let digest = format!("{:016x}", Fnv64::default().with(text.as_bytes()).value());
         let parts = parts(known, &plan, &digest)?;
-        let helps = match plan.steps.len() {
+        let mut helps = match plan.steps.len() {
             0..=EXPLAINED_STEPS_MAX => helps(known, &plan)?,
             _ => Vec::new(),
         };
+        helps.extend(joint_actions(known, &plan));
         Ok(JointPlan { plan, cost, digest, parts, helps })
     }
 
@@ -75,11 +76,6 @@ impl JointPlan {
     }
 }
 
-/// Returns the agent that acts in a step; `None` if it has none.
-fn actor(step: &PlanStep) -> Option<AgentId> {
-    AgentId::new(step.arguments.first()?.as_str()).ok()
-}
-
 /// Splits a plan by agent: its own steps, and in between what the steps of others change.
 fn parts(
     known: &PlanningSnapshot,
@@ -93,13 +89,19 @@ fn parts(
     // For each agent: its part so far, and the state after its last step.
     let mut parts: BTreeMap<AgentId, (Vec<PartStep>, World)> = BTreeMap::new();
     for (step, told) in plan.steps.iter().zip(&outside.steps) {
-        let agent = actor(step).ok_or_else(|| format!("no agent acts in `{told}`"))?;
-        let (part, since) = parts.entry(agent).or_insert_with(|| (Vec::new(), start.clone()));
-        let changes = describe_changes(since, &now, &public);
-        part.extend(changes.map(PartStep::Others));
-        part.push(PartStep::Own(told.to_string()));
+        let agents = known.actors(step);
+        if agents.is_empty() {
+            return Err(format!("no agent acts in `{told}`"));
+        }
+        let before = now.clone();
         now.apply(step).map_err(|fault| fault.to_string())?;
-        since.clone_from(&now);
+        for agent in agents {
+            let (part, since) = parts.entry(agent).or_insert_with(|| (Vec::new(), start.clone()));
+            let changes = describe_changes(since, &before, &public);
+            part.extend(changes.map(PartStep::Others));
+            part.push(PartStep::Own(told.to_string()));
+            since.clone_from(&now);
+        }
     }
     let part = |(agent, (steps, _))| (agent, JointPlanPart { digest: digest.to_owned(), steps });
     Ok(parts.into_iter().map(part).collect())
@@ -131,7 +133,7 @@ fn helps(known: &PlanningSnapshot, plan: &Plan) -> Result<Vec<String>, String> {
     let start = fresh(known)?;
     let outside = known.outside(plan);
     let mut agents: Vec<AgentId> = Vec::new();
-    for agent in plan.steps.iter().filter_map(actor) {
+    for agent in plan.steps.iter().flat_map(|step| known.actors(step)) {
         if !agents.contains(&agent) {
             agents.push(agent);
         }
@@ -139,10 +141,11 @@ fn helps(known: &PlanningSnapshot, plan: &Plan) -> Result<Vec<String>, String> {
     let mut sentences = Vec::new();
     for agent in agents {
         start.renew_work();
-        let is_own = |step: usize| actor(&plan.steps[step]).is_some_and(|actor| actor == agent);
+        let is_own = |step: usize| known.actors(&plan.steps[step]).contains(&agent);
         // The first step of another agent that fails if this agent does nothing.
         let Some(helped) = failing_without(&start, plan, |step| !is_own(step)) else { continue };
-        let Some(other) = actor(&plan.steps[helped]) else { continue };
+        let others = known.actors(&plan.steps[helped]);
+        let others: Vec<String> = others.iter().map(|other| format!("`{other}`")).collect();
         let own = (0..helped).filter(|step| is_own(*step)).rev();
         let is_needed = |from: &usize| {
             let failing = failing_without(&start, plan, |step| !is_own(step) || step < *from);
@@ -150,10 +153,25 @@ fn helps(known: &PlanningSnapshot, plan: &Plan) -> Result<Vec<String>, String> {
         };
         if let Some(help) = { own }.find(is_needed) {
             let (help, helped) = (&outside.steps[help], &outside.steps[helped]);
-            sentences.push(format!("`{agent}` does `{help}` so that `{other}` can `{helped}`"));
+            let others = others.join(" and ");
+            sentences.push(format!("`{agent}` does `{help}` so that {others} can `{helped}`"));
         }
     }
     Ok(sentences)
+}
+
+/// Returns a sentence for each action of a plan in which several agents act at the same time.
+fn joint_actions(known: &PlanningSnapshot, plan: &Plan) -> Vec<String> {
+    let mut named: BTreeSet<&Name> = BTreeSet::new();
+    let mut sentences = Vec::new();
+    for (step, told) in plan.steps.iter().zip(&known.outside(plan).steps) {
+        let agents = known.actors(step).len();
+        if agents > 1 && named.insert(&step.action) {
+            let all = if agents == 2 { "both" } else { "all of them" };
+            sentences.push(format!("`{told}` takes {all} at the same time"));
+        }
+    }
+    sentences
 }
 
 /// Returns the first step that cannot be applied if only some steps of a plan are carried out; `None`
@@ -199,7 +217,8 @@ pub(crate) fn reason(
 ) -> String {
     match JointPlanning::of(known, parts, cancel) {
         JointPlanning::Plan(plan) => {
-            let actors: BTreeSet<AgentId> = plan.steps.iter().filter_map(actor).collect();
+            let actors: BTreeSet<AgentId> =
+                plan.steps.iter().flat_map(|step| known.actors(step)).collect();
             let steps = plan.steps.len();
             let actors: Vec<String> = actors.iter().map(|agent| format!("`{agent}`")).collect();
             let how = match actors.as_slice() {

@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::OnceLock;
 
 use acl::AgentId;
-use acl::content::{self, Offers, Proposal, Snapshot};
+use acl::content::{self, Offers, Proposal, Snapshot, acting_agents};
 use goal_lifecycle::AvoidedActions;
 use pddl::knowledge::Knowledge;
 use pddl::{
@@ -490,18 +490,24 @@ impl PlanningSnapshot {
         Plan { steps: steps.collect(), cost: plan.cost }
     }
 
+    /// Returns the agents that act in a step of a plan.
+    pub(crate) fn actors(&self, step: &PlanStep) -> Vec<AgentId> {
+        actors(step, &self.all_offers)
+    }
+
     /// Returns the offers of the agents that act in a plan.
     pub(crate) fn offers_of(&self, plan: &Plan) -> Offers {
-        let acting: BTreeSet<&str> = plan
-            .steps
-            .iter()
-            .filter_map(|step| step.arguments.first())
-            .map(|agent| agent.as_str())
-            .collect();
-        let is_acting = |agent: &AgentId| acting.contains(agent.as_str());
-        let offers = self.offers.iter().filter(|(agent, _)| is_acting(agent));
+        let acting: BTreeSet<AgentId> =
+            plan.steps.iter().flat_map(|step| actors(step, &self.offers)).collect();
+        let offers = self.offers.iter().filter(|(agent, _)| acting.contains(*agent));
         offers.map(|(agent, actions)| (agent.clone(), actions.clone())).collect()
     }
+}
+
+/// Returns the agents that act in a step, with either name of its action.
+pub(crate) fn actors(step: &PlanStep, offers: &Offers) -> Vec<AgentId> {
+    let arguments = step.arguments.iter().map(|argument| argument.as_str());
+    acting_agents(offers, step.action.as_str(), arguments)
 }
 
 /// Returns a step with the agent's own action name in place of the name in the composite domain.

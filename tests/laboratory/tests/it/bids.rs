@@ -37,7 +37,8 @@ impl Agent for Maintainer {
     fn answer_query(&mut self, resource: Resource, _: &mut Context<Self>) -> Option<String> {
         let is_behind = self.asked.fetch_add(1, Ordering::Relaxed) < self.behind;
         let offer = |action: &str| {
-            let offer = Offer { schema: action.to_owned(), guard: String::new(), method: None };
+            let offer =
+                Offer { schema: action.to_owned(), guard: String::new(), method: None, agents: 1 };
             (action.to_owned(), offer)
         };
         let of_lamp = if is_behind { vec!["set-up"] } else { vec!["set-up", "light"] };

@@ -51,7 +51,7 @@ impl Agent for Maintainer {
             }
             for action in actions {
                 let (schema, guard) = (action.to_owned(), format!("(can-{action} {agent})"));
-                let offer = Offer { schema: schema.clone(), guard, method: None };
+                let offer = Offer { schema: schema.clone(), guard, method: None, agents: 1 };
                 offers.entry(name(agent)).or_default().insert(schema.clone(), offer);
                 let guard = Guard { action: schema.clone(), predicate: format!("can-{action}") };
                 guards.insert(schema, guard);

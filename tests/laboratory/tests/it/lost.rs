@@ -34,7 +34,8 @@ impl Agent for Maintainer {
 
     fn answer_query(&mut self, resource: Resource, _: &mut Context<Self>) -> Option<String> {
         let is_here = self.0.load(Ordering::Relaxed);
-        let offer = Offer { schema: "light".to_owned(), guard: String::new(), method: None };
+        let offer =
+            Offer { schema: "light".to_owned(), guard: String::new(), method: None, agents: 1 };
         let offered = [(name("lamp"), [("light".to_owned(), offer)].into())];
         let offers = if is_here { Offers::from(offered) } else { Offers::new() };
         let snapshot = Snapshot {

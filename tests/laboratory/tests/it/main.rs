@@ -21,3 +21,4 @@ mod due;
 
 mod chains;
 mod seeds;
+mod together;

@@ -34,7 +34,8 @@ fn execute(term: u64, round: u32) -> Execute {
         arguments: [].into(),
         timeout: Millis(Duration::from_secs(60)),
     };
-    let offer = Offer { schema: "light".to_owned(), guard: String::new(), method: Some(method) };
+    let offer =
+        Offer { schema: "light".to_owned(), guard: String::new(), method: Some(method), agents: 1 };
     Execute {
         domain: DOMAIN.to_owned(),
         problem: PROBLEM.to_owned(),

@@ -158,7 +158,7 @@ impl Visitor {
         // The device carries out this token at most once, however often it is requested.
         let token = ActionToken { term: 1, conversation: conversation.clone(), round: 1, step: 0 };
         let (method, arguments) = (self.wish.method.to_owned(), self.wish.arguments.clone());
-        let act = Request::Act(Box::new(Act { action, method, arguments, token }));
+        let act = Request::Act(Box::new(Act { action, method, arguments, token, ready_for: None }));
         let request = ExchangeOpening {
             to: Some(device.clone()),
             performative: Performative::Request,

@@ -57,6 +57,11 @@ impl Actuator {
     }
 
     pub(super) fn judged(&mut self, message: Message, _ctx: &mut Context<Self>) {
+        if message.performative == Performative::AcceptProposal
+            && message.exchange().is_some_and(|exchange| self.all_are_ready(exchange))
+        {
+            return;
+        }
         tracing::debug!(conversation = %message.conversation_id, verdict = %message.performative,
             "the proposal was accepted or rejected");
         if message.performative == Performative::RejectProposal

@@ -210,6 +210,7 @@ impl Actuator {
             Err(failure) => actuator.command_ended(Err(failure), ctx),
         });
         self.running_command = Some(RunningCommand {
+            joint: None,
             token,
             action,
             subscribers: vec![participation.clone()],

@@ -244,8 +244,9 @@ impl<'m> Possibilities<'m> {
             return false;
         }
         let mut bound = Vec::new();
-        let actor = action.agent.iter().map(|actor| (actor.name.clone(), agent.as_str()));
-        bound.extend(actor.map(|(variable, name)| (variable, Name::new(name))));
+        // In a joint action the agent may be any of those that act.
+        let actor = action.agent.iter().filter(|_| action.partners.is_empty());
+        bound.extend(actor.map(|actor| (actor.name.clone(), Name::new(agent.as_str()))));
         for (term, object) in atom.arguments.iter().zip(&fact.1) {
             match term {
                 Term::Object(name) if name != object => return false,

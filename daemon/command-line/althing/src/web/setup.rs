@@ -83,9 +83,8 @@ fn actions(domain: &Domain, snapshot: &Snapshot) -> Vec<SetupAction> {
         for (name, offer) in offers {
             let is_schema = |schema: &&ActionSchema| schema.name == *offer.schema.as_str();
             let Some(schema) = domain.actions.iter().find(is_schema) else { continue };
-            // The acting agent stands before the parameters, or is the first of them.
-            let skipped = usize::from(schema.agent.is_none());
-            let parameters = schema.parameters.iter().skip(skipped).map(parameter).collect();
+            // A form names one agent, which is the first argument.
+            let parameters = schema.all_parameters().skip(1).map(parameter).collect();
             actions.push(SetupAction { agent: agent.clone(), name: name.clone(), parameters });
         }
     }

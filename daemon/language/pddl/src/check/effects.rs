@@ -9,7 +9,8 @@ use crate::tree::{
 
 impl<'t> Checker<'_, 't> {
     pub(super) fn action(&mut self, action: &'t ActionSchema) {
-        self.with_parameters(action.agent.as_ref(), &action.parameters, |checker| {
+        let agents = (action.agent.as_ref(), &action.partners[..]);
+        self.with_parameters(agents, &action.parameters, |checker| {
             checker.condition(&action.precondition);
             checker.effect(&action.effect);
             action.observe.iter().for_each(|observed| checker.observed(observed));
@@ -17,7 +18,7 @@ impl<'t> Checker<'_, 't> {
     }
 
     pub(super) fn durative_action(&mut self, action: &'t DurativeAction) {
-        self.with_parameters(action.agent.as_ref(), &action.parameters, |checker| {
+        self.with_parameters((action.agent.as_ref(), &[]), &action.parameters, |checker| {
             for constraint in &action.duration {
                 checker.expression(&constraint.value);
             }
@@ -28,21 +29,31 @@ impl<'t> Checker<'_, 't> {
 
     fn with_parameters(
         &mut self,
-        agent: Option<&'t Typed>,
+        (agent, partners): (Option<&'t Typed>, &'t [Typed]),
         parameters: &'t [Typed],
         body: impl FnOnce(&mut Self),
     ) {
         let agent = agent.map_or(&[][..], std::slice::from_ref);
         self.parameters(agent);
+        self.parameters(partners);
         self.parameters(parameters);
-        if let [agent] = agent
-            && let Some(again) = parameters.iter().find(|typed| typed.name == agent.name)
-        {
-            let message = format!("`?{}` is the agent and a parameter", agent.name);
+        let is_first = |typed: &&Typed| agent.iter().any(|first| first.name == typed.name);
+        if let Some(again) = partners.iter().find(is_first) {
+            let message = format!("the agent `?{}` is declared twice", again.name);
             let twice = Diagnostic::error(again.name.span(), message);
-            self.report(twice.with_note(agent.name.span(), "the agent is here"));
+            let first = agent.iter().map(|first| (first.name.span(), "the first is here"));
+            self.report(first.fold(twice, |twice, (span, note)| twice.with_note(span, note)));
         }
-        self.with_scope(agent, |checker| checker.with_scope(parameters, body));
+        for agent in agent.iter().chain(partners) {
+            if let Some(again) = parameters.iter().find(|typed| typed.name == agent.name) {
+                let message = format!("`?{}` is the agent and a parameter", agent.name);
+                let twice = Diagnostic::error(again.name.span(), message);
+                self.report(twice.with_note(agent.name.span(), "the agent is here"));
+            }
+        }
+        self.with_scope(agent, |checker| {
+            checker.with_scope(partners, |checker| checker.with_scope(parameters, body));
+        });
     }
 
     fn timed_conditions(&mut self, conditions: &'t [TimedCondition]) {

@@ -19,10 +19,11 @@ const DURATIVE_ACTION: &str = "(:durative-action NAME [:agent VARIABLE - TYPE] \
     [:parameters (VARIABLES)] :duration DURATION [:condition TIMED] [:effect TIMED])";
 const DERIVED: &str = "(:derived (PREDICATE VARIABLES) CONDITION)";
 const AGENT: &str = ":agent VARIABLE - TYPE";
+const AGENTS: &str = ":agent (VARIABLES)";
 const PARAMETER_LIST: &str = ":parameters (VARIABLES)";
 
-/// Parses an action: `(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)]
-/// [:precondition CONDITION] [:effect EFFECT] [:observe OBSERVED])`, with the parts in any order.
+/// Parses an action: `(:action NAME [:agent VARIABLE - TYPE | :agent (VARIABLES)] [:parameters
+/// (VARIABLES)] [:precondition CONDITION] [:effect EFFECT] [:observe OBSERVED])`, with the parts in any order.
 pub(super) fn action<'f>(
     reader: &mut GrammarReader<'f>,
     items: Items<'f>,
@@ -32,6 +33,7 @@ pub(super) fn action<'f>(
     let mut action = ActionSchema {
         name: parts.name.clone(),
         agent: None,
+        partners: Vec::new(),
         parameters: Vec::new(),
         precondition: Condition::always(),
         effect: Effect::nothing(),
@@ -40,7 +42,7 @@ pub(super) fn action<'f>(
     };
     while let Some((key, node)) = parts.next(reader, &[PRECONDITION, EFFECT, OBSERVE_KEY]) {
         match key {
-            AGENT_KEY => action.agent = parts.opt_agent(reader),
+            AGENT_KEY => (action.agent, action.partners) = parts.agents(reader),
             PARAMETERS => {
                 let parameters = parts.parameters(reader, node);
                 action.parameters.splice(0..0, parameters).for_each(drop);
@@ -188,7 +190,7 @@ impl<'f> ActionParts<'f> {
             match key {
                 Some(key) if self.is_first(reader, key, node.span()) => return Some((key, value)),
                 // An agent consists of up to three nodes, which are all skipped.
-                Some(AGENT_KEY) => drop(self.opt_agent(reader)),
+                Some(AGENT_KEY) => drop(self.agents(reader)),
                 _ => {}
             }
         }
@@ -219,7 +221,7 @@ impl<'f> ActionParts<'f> {
     }
 
     /// Returns the node after a key. After the key `:agent`, the node is not consumed, because
-    /// [`ActionParts::opt_agent`] reads it.
+    /// [`ActionParts::agents`] reads it.
     fn value(
         &mut self,
         reader: &mut GrammarReader<'f>,
@@ -257,15 +259,30 @@ impl<'f> ActionParts<'f> {
         names::listed_variables(reader, node, &mut self.items, is_key, PARAMETER_LIST)
     }
 
-    /// Parses the agent of an action: `VARIABLE [- TYPE]`, optionally in parentheses.
-    fn opt_agent(&mut self, reader: &mut GrammarReader<'f>) -> Option<Typed> {
-        let node = self.items.peek()?;
-        let Some(mut inner) = node.list() else {
-            return declarations::opt_typed_variable(reader, &mut self.items);
+    /// Parses the agents of an action: `VARIABLE [- TYPE]` or `(VARIABLES)`. Returns the first one
+    /// and the others.
+    fn agents(&mut self, reader: &mut GrammarReader<'f>) -> (Option<Typed>, Vec<Typed>) {
+        let Some(node) = self.items.peek() else { return (None, Vec::new()) };
+        let Some(inner) = node.list() else {
+            return (declarations::opt_typed_variable(reader, &mut self.items), Vec::new());
         };
         self.items.next();
-        let agent = declarations::opt_typed_variable(reader, &mut inner);
-        reader.expect_end(inner, "`:agent`", AGENT);
+        let mut agents = names::variables(reader, inner);
+        if agents.is_empty() {
+            let message = "`:agent` names no variable";
+            reader.report(Diagnostic::error(node.span(), message).with_rule(AGENTS));
+            return (None, Vec::new());
+        }
+        (Some(agents.remove(0)), agents)
+    }
+
+    /// Parses the agent of a durative action, which has one at most.
+    fn opt_agent(&mut self, reader: &mut GrammarReader<'f>) -> Option<Typed> {
+        let (agent, partners) = self.agents(reader);
+        if let Some(partner) = partners.first() {
+            let message = "a durative action has one agent";
+            reader.report(Diagnostic::error(partner.name.span(), message).with_rule(AGENT));
+        }
         agent
     }
 }

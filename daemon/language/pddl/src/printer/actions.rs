@@ -11,7 +11,8 @@ use crate::tree::{
 };
 
 pub(super) fn action(action: &ActionSchema) -> PrintLayout<'_> {
-    let mut parts = head(":action", &action.name, action.agent.as_ref(), &action.parameters);
+    let agents = (action.agent.as_ref(), &action.partners[..]);
+    let mut parts = head(":action", &action.name, agents, &action.parameters);
     if !action.precondition.is_always() {
         parts.push(labeled(":precondition", condition(&action.precondition)));
     }
@@ -25,17 +26,23 @@ pub(super) fn action(action: &ActionSchema) -> PrintLayout<'_> {
     PrintLayout::list(2, parts)
 }
 
-/// Lays out the head of an action: `KEYWORD NAME [:agent VARIABLE - TYPE] :parameters (VARIABLES)`.
+/// Lays out the head of an action: `KEYWORD NAME [:agent VARIABLE - TYPE | :agent (VARIABLES)] :parameters
+/// (VARIABLES)`.
 fn head<'t>(
     keyword: &'static str,
     name: &'t Name,
-    agent: Option<&'t Typed>,
+    (agent, partners): (Option<&'t Typed>, &'t [Typed]),
     list: &'t [Typed],
 ) -> Vec<PrintLayout<'t>> {
     let mut parts = vec![PrintLayout::word(keyword), PrintLayout::name(name)];
     if let Some(agent) = agent {
+        let agents =
+            typed_list(std::iter::once(agent).chain(partners), PrintedEntryKind::Variables);
         let mut words = vec![PrintLayout::word(":agent")];
-        words.extend(typed_list(std::slice::from_ref(agent), PrintedEntryKind::Variables));
+        match partners {
+            [] => words.extend(agents),
+            _ => words.push(PrintLayout::list(0, agents)),
+        }
         parts.push(PrintLayout::group(words));
     }
     parts.push(labeled(":parameters", parameters(list)));
@@ -53,7 +60,7 @@ pub(super) fn derived(derived: &Derived) -> PrintLayout<'_> {
 
 pub(super) fn durative_action(action: &DurativeAction) -> PrintLayout<'_> {
     let keyword = ":durative-action";
-    let mut parts = head(keyword, &action.name, action.agent.as_ref(), &action.parameters);
+    let mut parts = head(keyword, &action.name, (action.agent.as_ref(), &[]), &action.parameters);
     parts.push(labeled(":duration", one_or_and(&action.duration, duration)));
     parts.push(labeled(":condition", one_or_and(&action.conditions, timed_condition)));
     parts.push(labeled(":effect", timed_effect(&action.effects)));

@@ -29,24 +29,24 @@ pub(super) fn type_expr(ty: &TypeExpr) -> PrintLayout<'_> {
 }
 
 /// Lays out a typed list: `(ENTRY+ - TYPE)* ENTRY*`, with a group for each type.
-pub(super) fn typed_list(list: &[Typed], entries: PrintedEntryKind) -> Vec<PrintLayout<'_>> {
+pub(super) fn typed_list<'t>(
+    list: impl IntoIterator<Item = &'t Typed>,
+    entries: PrintedEntryKind,
+) -> Vec<PrintLayout<'t>> {
+    let list: Vec<&Typed> = list.into_iter().collect();
     let mut groups = Vec::new();
     let mut from = 0;
     for group in list.chunk_by(|left, right| left.ty == right.ty) {
         from += group.len();
         // A type applies to all untyped names before it, so only the last group may be untyped.
         let is_typed = !group[0].ty.alternatives.is_empty() || from < list.len();
-        groups.push(typed_group(group, is_typed, entries));
+        let mut words: Vec<_> = group.iter().map(|typed| entry(&typed.name, entries)).collect();
+        if is_typed {
+            words.extend([PrintLayout::word("-"), type_expr(&group[0].ty)]);
+        }
+        groups.push(PrintLayout::group(words));
     }
     groups
-}
-
-fn typed_group(group: &[Typed], is_typed: bool, entries: PrintedEntryKind) -> PrintLayout<'_> {
-    let mut words: Vec<_> = group.iter().map(|typed| entry(&typed.name, entries)).collect();
-    if is_typed {
-        words.extend([PrintLayout::word("-"), type_expr(&group[0].ty)]);
-    }
-    PrintLayout::group(words)
 }
 
 fn entry(name: &Name, entries: PrintedEntryKind) -> PrintLayout<'_> {

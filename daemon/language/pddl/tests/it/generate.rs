@@ -156,20 +156,16 @@ fn action() -> impl Strategy<Value = ActionSchema> {
     let span = Span::default();
     let parts = (
         name(),
-        option::of(typed()),
+        option::of((typed(), typed_list())),
         typed_list(),
         condition(plain_expression()),
         effect(plain_expression()),
         vec(atom(term()), 0..3),
     );
-    parts.prop_map(move |(name, agent, parameters, precondition, effect, observe)| ActionSchema {
-        name,
-        agent,
-        parameters,
-        precondition,
-        effect,
-        observe,
-        span,
+    parts.prop_map(move |(name, agents, parameters, precondition, effect, observe)| {
+        let (agent, partners) = agents.unzip();
+        let partners = partners.unwrap_or_default();
+        ActionSchema { name, agent, partners, parameters, precondition, effect, observe, span }
     })
 }
 

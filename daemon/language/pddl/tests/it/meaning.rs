@@ -405,6 +405,20 @@ fn models_are_checked_against_the_ontology() {
 }
 
 #[test]
+fn agents_of_a_joint_action_are_checked() {
+    check_model(
+        "(:objects bot - robot) (:action a :agent (?r - robot ?r - robot) :parameters (?l - location))
+           (:action b :agent (?r ?s - robot) :parameters (?s - location) :precondition (at ?s ?l))",
+        expect![[r#"
+            1:91: error: the agent `?r` is declared twice at `?r`
+            2:59: error: `?s` is the agent and a parameter at `?s`
+            2:92: error: `?s` is of type `location`, `at` wants `robot` [(at ?r - robot ?l - location)] at `?s`
+            2:95: error: unknown variable `?l` at `?l`
+        "#]],
+    );
+}
+
+#[test]
 fn durative_actions_are_checked() {
     check(
         "(define (domain d) (:predicates (p)) (:durative-action a :parameters (?x) :duration (= ?duration (f))

@@ -144,6 +144,37 @@ fn errors_in_sections() {
 }
 
 #[test]
+fn errors_in_agents_of_actions() {
+    check(
+        "(define (domain d) (:action a :agent () :effect (p)) (:action b :agent (robot) :effect (p))
+           (:durative-action c :agent (?r ?s - t) :duration (= ?duration 1) :effect ()))",
+        expect![[r#"
+            1:38: error: `:agent` names no variable [:agent (VARIABLES)]
+              at `()`
+            1:72: error: `:agent` names no variable [:agent (VARIABLES)]
+              at `(robot)`
+            1:73: error: expected a variable, found `robot`; write `?robot` [VARIABLE = ?NAME]
+              at `robot`
+            2:43: error: a durative action has one agent [:agent VARIABLE - TYPE]
+              at `?s`
+            (define (domain d)
+              (:action a
+                :parameters ()
+                :effect (p))
+              (:action b
+                :parameters ()
+                :effect (p))
+              (:durative-action c
+                :agent ?r - t
+                :parameters ()
+                :duration (= ?duration 1)
+                :condition ()
+                :effect (and)))
+        "#]],
+    );
+}
+
+#[test]
 fn errors_in_parts_of_actions() {
     check(
         "(define (domain d) (:action a :parameter (?x) :effect (p) stray :effect (q)

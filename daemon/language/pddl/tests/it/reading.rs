@@ -215,6 +215,30 @@ fn a_model_declares_names_and_actions_of_an_agent() {
 }
 
 #[test]
+fn several_agents_act_in_one_action() {
+    check(
+        "(define (domain d) (:predicates (p)) (:action a :agent (?x ?y - t ?z) :effect (p))
+           (:action b :agent (?x - t) :effect (p)) (:action c :agent (?x ?y) :effect (p)))",
+        expect![[r#"
+            (define (domain d)
+              (:predicates (p))
+              (:action a
+                :agent (?x ?y - t ?z)
+                :parameters ()
+                :effect (p))
+              (:action b
+                :agent ?x - t
+                :parameters ()
+                :effect (p))
+              (:action c
+                :agent (?x ?y)
+                :parameters ()
+                :effect (p)))
+        "#]],
+    );
+}
+
+#[test]
 fn unfactored_private_sections_name_an_owner() {
     check(
         "(define (domain d) (:requirements :unfactored-privacy) (:predicates (p)

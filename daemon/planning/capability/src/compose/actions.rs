@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use acl::AgentId;
-use pddl::{ActionSchema, Name};
+use pddl::{ActionSchema, Name, TypeExpr};
 
 use super::declarations::SelectedDeclarations;
 use super::{ConflictReport, Contribution, SharedModel};
@@ -13,6 +13,7 @@ use crate::canonical::{CanonicalText, UsedSymbols};
 use crate::conflict::{ModelPart, ModelPartKind};
 use crate::model_summary::ModelAction;
 use crate::names::{ActionNames, ActionVariants};
+use crate::vocabulary::DomainVocabulary;
 
 /// The selected action schemas. The key is the agents' own name for the action and the canonical
 /// text of the schema.
@@ -91,7 +92,7 @@ fn lost_declaration(
     Some(format!("it uses the {subject}, which another agent declares differently"))
 }
 
-/// Checks that an agent is an object of the type that `:agent` requires. Returns the mistake as
+/// Checks that an agent is an object of a type that `:agent` requires. Returns the mistake as
 /// text for a person; `None` if the agent has this type.
 fn wrong_agent(
     party: &Contribution<'_>,
@@ -103,8 +104,19 @@ fn wrong_agent(
     let Some(ty) = standing.vocabulary.objects.get(name) else {
         return Some(format!("`{name}` is no object; write `(:objects {name} - {})`", agent.ty));
     };
-    (!standing.vocabulary.types.holds(&agent.ty, ty))
-        .then(|| format!("its agent is a `{}`, and `{name}` is a `{ty}`", agent.ty))
+    let types: Vec<String> =
+        offer.schema.agents().map(|agent| format!("a `{}`", agent.ty)).collect();
+    (!may_act(&standing.vocabulary, &offer.schema, ty)).then(|| match types.as_slice() {
+        [one] => format!("its agent is {one}, and `{name}` is a `{ty}`"),
+        several => {
+            format!("its agents are {}, and `{name}` is a `{ty}`", several.join(" and "))
+        }
+    })
+}
+
+/// Whether an object of the type `ty` may be one of the agents of an action.
+pub(super) fn may_act(vocabulary: &DomainVocabulary, schema: &ActionSchema, ty: &TypeExpr) -> bool {
+    schema.agents().any(|agent| vocabulary.types.holds(&agent.ty, ty))
 }
 
 /// Returns the name in the composite domain for each selected schema. The key is the agents' own

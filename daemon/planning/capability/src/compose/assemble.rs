@@ -6,7 +6,7 @@ use std::sync::Arc;
 use pddl::knowledge::Knowledge;
 use pddl::{
     ActionSchema, Atom, Condition, Domain, Name, ObjectDeclaration, PredicateDeclaration, Privacy,
-    Span, Term, Typed,
+    Span, Term, TypeExpr, Typed,
 };
 
 use super::actions::{SelectedSchema, SelectedSchemas};
@@ -50,7 +50,8 @@ pub(super) fn assemble(
         write(&mut domain, inside, &guard, schema);
         let (outside, inside) = (outside.clone(), inside.clone());
         let (key, tree) = (key.clone(), Arc::clone(schema.tree));
-        offers.add(key, tree, OfferedAction { outside, inside, guard }, &schema.offerers);
+        let agents = tree.agents().count();
+        offers.add(key, tree, OfferedAction { outside, inside, guard, agents }, &schema.offerers);
     }
     let knowledge = Knowledge::of(&domain, unknowable);
     knowledge.compile(&mut domain);
@@ -112,39 +113,63 @@ fn named_objects<'a>(
 }
 
 /// Writes an action schema into the domain under the name `inside`. The guard is added to the
-/// precondition, so that the action is grounded only for the agents that offer it.
+/// precondition, so that the action is grounded only for the agents that offer it. The agents of a
+/// joint action all offer it, and no two of them are the same.
 fn write(domain: &mut Domain, inside: &Name, guard: &Name, schema: &SelectedSchema<'_>) {
-    let ActionSchema { name: _, agent, parameters, precondition, effect, observe, span } =
-        &**schema.tree;
-    let Some(agent) = agent else { return };
+    let tree = &**schema.tree;
+    let Some(agent) = &tree.agent else { return };
     domain.predicates.push(PredicateDeclaration {
         name: guard.clone(),
-        parameters: vec![agent.clone()],
+        parameters: vec![Typed { name: agent.name.clone(), ty: agent_type(tree) }],
         privacy: Privacy::Public,
     });
+    if !tree.partners.is_empty() {
+        for requirement in [":equality", ":negative-preconditions"].map(Name::new) {
+            if !domain.requirements.contains(&requirement) {
+                domain.requirements.push(requirement);
+            }
+        }
+    }
     domain.actions.push(ActionSchema {
         name: inside.clone(),
-        agent: Some(agent.clone()),
-        parameters: parameters.clone(),
-        precondition: guarded(guard, agent, precondition),
-        effect: effect.clone(),
-        observe: observe.clone(),
-        span: *span,
+        precondition: guarded(guard, tree),
+        ..tree.clone()
     });
 }
 
-fn guarded(guard: &Name, agent: &Typed, precondition: &Condition) -> Condition {
-    let guard = Condition::Atom(Atom {
-        predicate: guard.clone(),
-        arguments: vec![Term::Variable(agent.name.clone())],
-        span: Span::default(),
-    });
-    let rest = match precondition {
-        Condition::And(parts) => parts.clone(),
-        other => vec![other.clone()],
-    };
-    if rest.is_empty() {
-        return guard;
+/// Returns the type that has all the agents of an action.
+fn agent_type(schema: &ActionSchema) -> TypeExpr {
+    let mut alternatives: Vec<Name> = Vec::new();
+    for agent in schema.agents() {
+        if agent.ty.is_object() {
+            return agent.ty.clone();
+        }
+        let new = agent.ty.alternatives.iter().filter(|ty| !alternatives.contains(ty));
+        alternatives.extend(new.cloned().collect::<Vec<_>>());
     }
-    Condition::And(std::iter::once(guard).chain(rest).collect())
+    TypeExpr { alternatives }
+}
+
+fn guarded(guard: &Name, schema: &ActionSchema) -> Condition {
+    let variable = |agent: &Typed| Term::Variable(agent.name.clone());
+    let mut parts: Vec<Condition> = Vec::new();
+    for (position, agent) in schema.agents().enumerate() {
+        parts.push(Condition::Atom(Atom {
+            predicate: guard.clone(),
+            arguments: vec![variable(agent)],
+            span: Span::default(),
+        }));
+        for other in schema.agents().take(position) {
+            let same = Condition::Equal(variable(other), variable(agent), Span::default());
+            parts.push(Condition::Not(Box::new(same)));
+        }
+    }
+    match &schema.precondition {
+        Condition::And(rest) => parts.extend(rest.iter().cloned()),
+        other => parts.push(other.clone()),
+    }
+    match parts.len() {
+        1 => parts.remove(0),
+        _ => Condition::And(parts),
+    }
 }

@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use pddl::{Name, ObjectDeclaration};
 
+use super::actions::may_act;
 use super::{Contribution, SharedModel};
 use crate::composite::{Composite, OfferedAction, SelectedAction};
 use crate::model_summary::{Declaration, DeclaredItem, ModelAction, ModelSummary};
@@ -115,11 +116,10 @@ fn stands(
     if *party.agent < *first && !is_written_so() {
         return None;
     }
-    let agent = offer.schema.agent.as_ref()?;
     let own = objects.iter().find(|(name, _)| name.as_str() == party.agent.as_str());
     let ty = match own {
         Some((_, declared)) => &declared.object.ty,
         None => composite.vocabulary.objects.get(party.agent.as_str())?,
     };
-    composite.vocabulary.types.holds(&agent.ty, ty).then_some(place)
+    may_act(&composite.vocabulary, &offer.schema, ty).then_some(place)
 }

@@ -4,6 +4,7 @@ mod office;
 
 mod composition;
 mod conflicts;
+mod joint;
 mod names;
 mod presence;
 

@@ -91,6 +91,7 @@ fn a_model_comes_with_its_methods_and_leaves_with_the_snapshot() {
                             ),
                         },
                     ),
+                    agents: 1,
                 },
             },
             "t-2": {
@@ -98,6 +99,7 @@ fn a_model_comes_with_its_methods_and_leaves_with_the_snapshot() {
                     schema: "report-temperature",
                     guard: "(offers-report-temperature t-2)",
                     method: None,
+                    agents: 1,
                 },
             },
         }

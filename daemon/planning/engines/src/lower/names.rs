@@ -163,8 +163,10 @@ impl EngineNames {
         let precondition = scope.condition(&action.precondition);
         let effect = flat(scope.effect(&action.effect));
         let changes = effect.parts().any(is_change);
-        let (agent, observe, span) = (None, Vec::new(), action.span);
-        let lowered = ActionSchema { name, agent, parameters, precondition, effect, observe, span };
+        let (partners, observe) = (Vec::new(), Vec::new());
+        let (agent, span) = (None, action.span);
+        let lowered =
+            ActionSchema { name, agent, partners, parameters, precondition, effect, observe, span };
         changes.then_some(lowered)
     }
 

@@ -44,6 +44,28 @@ fn fast_downward_solves_the_same_task_as_the_embedded_planner() {
 }
 
 #[test]
+fn fast_downward_plans_actions_of_several_agents() {
+    let Some(installation) = fast_downward() else { return };
+    let domain = "(define (domain office) (:requirements :typing :equality :negative-preconditions)
+        (:types room robot) (:predicates (at ?r - robot ?x - room) (table-at ?x - room))
+        (:action move :agent ?r - robot :parameters (?from ?to - room)
+          :precondition (at ?r ?from) :effect (and (not (at ?r ?from)) (at ?r ?to)))
+        (:action carry :agent (?a ?b - robot) :parameters (?from ?to - room)
+          :precondition (and (not (= ?a ?b)) (at ?a ?from) (at ?b ?from) (table-at ?from))
+          :effect (and (table-at ?to) (not (table-at ?from)) (at ?a ?to) (not (at ?a ?from))
+            (at ?b ?to) (not (at ?b ?from)))))";
+    let problem = "(define (problem rooms) (:domain office)
+        (:objects r1 r2 - robot hall lab - room)
+        (:init (at r1 hall) (at r2 lab) (table-at hall)) (:goal (table-at lab)))";
+    let outcome =
+        run(&installation, domain, problem, &EngineOptions::default()).expect("an outcome");
+    let text = outcome.plan.expect("a plan").to_string();
+    let carried = |one, other| text.contains(&format!("(carry {one} {other} hall lab)"));
+    assert!(text.contains("(move r2 lab hall)"), "{text}");
+    assert!(carried("r1", "r2") || carried("r2", "r1"), "{text}");
+}
+
+#[test]
 fn fast_downward_plans_for_a_building_without_numbers() {
     let Some(installation) = fast_downward() else { return };
     let texts = |building: &str| {

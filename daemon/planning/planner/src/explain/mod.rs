@@ -87,6 +87,8 @@ pub struct Obstacle {
     pub unreachable: Vec<Atom>,
     /// Actions that could make the unreachable facts true, under the agents' own names for them.
     pub actions: Vec<Name>,
+    /// Number of agents that act in such an action together.
+    pub agents: usize,
     /// Facts that hold, that no action ends, and without which the part would be reachable.
     pub hindrances: Vec<Atom>,
     /// Sets of missing capabilities, the smallest set first. Each set alone would suffice to reach
@@ -183,9 +185,11 @@ pub fn explain(
         let unreachable = supposed.atoms[part].iter().enumerate();
         let unreachable = unreachable.filter(|(atom, _)| !support.is_fact_reached(part, *atom));
         let unreachable: Vec<Atom> = unreachable.map(|(_, atom)| atom.clone()).collect();
+        let actions = supposed.adding(&unreachable);
         explanation.obstacles.push(Obstacle {
             conjunct: conjunct.clone(),
-            actions: supposed.adding(&unreachable),
+            agents: supposed.agents_of(&actions),
+            actions,
             unreachable,
             hindrances: Vec::new(),
             alternatives: Vec::new(),

@@ -51,13 +51,18 @@ impl Obstacle {
     /// joined.
     fn sentence(&self) -> (String, String, String) {
         let there = self.there();
+        let nobody = match self.agents {
+            0 | 1 => "no agent".to_owned(),
+            2 => "no two agents".to_owned(),
+            several => format!("no {several} agents"),
+        };
         let (lead, subject) = match (self.actions.as_slice(), self.unreachable.as_slice()) {
             ([action], [atom]) => match atom.arguments.as_slice() {
                 [place] if self.is_place(&there) => {
-                    (format!("no agent can `{action}` at "), format!("`{}`", text(place)))
+                    (format!("{nobody} can `{action}` at "), format!("`{}`", text(place)))
                 }
-                [thing] => (format!("no agent can `{action}` for "), format!("`{}`", text(thing))),
-                _ => (format!("no agent can `{action}` for "), format!("`{atom}`")),
+                [thing] => (format!("{nobody} can `{action}` for "), format!("`{}`", text(thing))),
+                _ => (format!("{nobody} can `{action}` for "), format!("`{atom}`")),
             },
             _ => ("no agent here can reach ".to_owned(), format!("`{}`", self.conjunct)),
         };
@@ -93,8 +98,15 @@ impl Obstacle {
                 [action] => Some(action),
                 _ => None,
             };
-            let new: Vec<String> =
-                new.iter().map(|alternative| alternative.words(known, there)).collect();
+            let words = |alternative: &&Alternative| {
+                let words = alternative.words(known, there);
+                match (self.agents, alternative.missing.as_slice()) {
+                    // The other agents of the joint action are there.
+                    (2.., [one]) => words.replacen(&one.agent.to_string(), &one.agent.another(), 1),
+                    _ => words,
+                }
+            };
+            let new: Vec<String> = new.iter().map(words).collect();
             let comma = if new.len() > 1 { "," } else { "" };
             clauses.push(format!("{}{comma} would do", new.join(", or ")));
         }
@@ -139,7 +151,10 @@ impl Alternative {
             all => {
                 let all: Vec<String> =
                     all.iter().map(|missing| missing.words(known, there)).collect();
-                all.join(" and ")
+                match all.as_slice() {
+                    [one, other] if one == other => format!("{one} and another one"),
+                    all => all.join(" and "),
+                }
             }
         }
     }
@@ -223,6 +238,20 @@ impl fmt::Display for SupposedObject {
                 let kind = if kinds.is_empty() { "agent".to_owned() } else { kinds.join(" or ") };
                 let is_vowel = kind.starts_with(['a', 'e', 'i', 'o', 'u']);
                 write!(f, "{} {kind}", if is_vowel { "an" } else { "a" })
+            }
+        }
+    }
+}
+
+impl SupposedObject {
+    /// Returns the object in words; a new agent as one beside others that are there.
+    fn another(&self) -> String {
+        match self {
+            SupposedObject::Here(_) => self.to_string(),
+            SupposedObject::New(_) => {
+                let words = self.to_string();
+                let kind = words.split_once(' ').map_or(words.as_str(), |(_, kind)| kind);
+                format!("another {kind}")
             }
         }
     }

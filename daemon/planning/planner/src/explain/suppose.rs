@@ -45,6 +45,16 @@ pub(super) enum OperatorMeaning {
     Touch(usize, usize),
 }
 
+/// An action that agents can be supposed to offer.
+pub(super) struct SupposableAction {
+    /// Name of the action in the agents' own models.
+    pub(super) outside: Name,
+    /// Predicates of the facts that the action makes true.
+    added: BTreeSet<Name>,
+    /// Number of agents that act in it.
+    agents: usize,
+}
+
 /// A fact about a new agent that can be supposed.
 pub(super) struct SupposableFact {
     pub(super) predicate: Name,
@@ -59,7 +69,7 @@ pub(super) struct SupposedTask {
     pub(super) domain: Domain,
     pub(super) problem: Problem,
     pub(super) meanings: BTreeMap<Name, OperatorMeaning>,
-    pub(super) capabilities: Vec<ActionGuard>,
+    pub(super) capabilities: Vec<SupposableAction>,
     pub(super) placements: Vec<SupposableFact>,
     /// For each part of the goal: the ground facts that the part requires.
     pub(super) atoms: Vec<Vec<Atom>>,
@@ -99,26 +109,22 @@ impl SupposedTask {
         supposed
     }
 
+    /// Returns the number of agents that act in the actions with one of these names, which the agents
+    /// use; the greatest if they differ.
+    pub(super) fn agents_of(&self, actions: &[Name]) -> usize {
+        let named = self.capabilities.iter().filter(|action| actions.contains(&action.outside));
+        named.map(|action| action.agents).max().unwrap_or(1)
+    }
+
     /// Returns the actions that could make one of `atoms` true, under the agents' own names for
     /// them.
     pub(super) fn adding(&self, atoms: &[Atom]) -> Vec<Name> {
-        let adds = |name: &Name| {
-            let action = self.domain.actions.iter().find(|action| action.name == *name);
-            action.is_some_and(|action| {
-                let mut added = BTreeSet::new();
-                added.extend(action.effect.added().map(|atom| atom.predicate.clone()));
-                atoms.iter().any(|atom| added.contains(&atom.predicate))
-            })
+        let adds = |action: &&SupposableAction| {
+            atoms.iter().any(|atom| action.added.contains(&atom.predicate))
         };
-        let mut names = BTreeSet::new();
-        for (name, meaning) in &self.meanings {
-            if let OperatorMeaning::Suppose(capability) = meaning
-                && adds(&Name::new(name.as_str().trim_start_matches("%suppose ")))
-            {
-                names.insert(self.capabilities[*capability].outside.clone());
-            }
-        }
-        names.into_iter().collect()
+        let adding = self.capabilities.iter().filter(adds);
+        let names: BTreeSet<&Name> = adding.map(|action| &action.outside).collect();
+        names.into_iter().cloned().collect()
     }
 
     /// Returns the object as a present object or as a new agent of its type.
@@ -156,7 +162,7 @@ impl SupposedTask {
             self.problem.init.push(InitElement::Atom(atom(THERE, vec![Term::Object(object)])));
         }
         let mut kinds: Vec<TypeExpr> = Vec::new();
-        for agent in acting.iter().filter_map(|(action, _)| action.agent.as_ref()) {
+        for agent in acting.iter().flat_map(|(action, _)| action.agents()) {
             // An object that is declared by `either` is of both types, which no new agent has to be.
             let each: Vec<TypeExpr> = match agent.ty.alternatives.as_slice() {
                 several @ [_, _, ..] => several.iter().cloned().map(TypeExpr::of).collect(),
@@ -168,7 +174,14 @@ impl SupposedTask {
                 }
             }
         }
-        for (number, ty) in kinds.into_iter().enumerate() {
+        // A joint action may lack two agents of one kind.
+        let types = Types::of(&self.domain);
+        let may_be = |ty: &TypeExpr, action: &ActionSchema| {
+            action.agents().filter(|agent| types.accepts(&agent.ty, ty)).count() > 1
+        };
+        let twice = |ty: &TypeExpr| acting.iter().any(|(action, _)| may_be(ty, action));
+        let twice: Vec<TypeExpr> = kinds.iter().filter(|ty| twice(ty)).cloned().collect();
+        for (number, ty) in kinds.into_iter().chain(twice).enumerate() {
             let name = Name::new(&format!("%new-{number}"));
             self.new.insert(name.clone(), ty.clone());
             let object = Typed { name: name.clone(), ty };
@@ -180,7 +193,8 @@ impl SupposedTask {
         let new = &self.new;
         let may_be_new = |ty: &TypeExpr| new.values().any(|kind| types.accepts(ty, kind));
         for action in &mut self.domain.actions {
-            let others = action.parameters.iter().filter(|parameter| may_be_new(&parameter.ty));
+            let others = action.partners.iter().chain(&action.parameters);
+            let others = others.filter(|parameter| may_be_new(&parameter.ty));
             let mut wanted: Vec<Condition> =
                 others.map(|parameter| fact(THERE, vec![variable(parameter)])).collect();
             wanted.push(action.precondition.clone());
@@ -196,17 +210,36 @@ impl SupposedTask {
         guard: &ActionGuard,
         guards: &BTreeMap<Name, ActionGuard>,
     ) {
-        let Some(agent) = &action.agent else { return };
         let capability = self.capabilities.len();
-        self.capabilities.push(guard.clone());
+        self.capabilities.push(SupposableAction {
+            outside: guard.outside.clone(),
+            added: action.effect.added().map(|atom| atom.predicate.clone()).collect(),
+            agents: action.agents().count(),
+        });
+        for (position, agent) in action.agents().enumerate() {
+            if action.agents().take(position).all(|other| other.ty != agent.ty) {
+                self.add_offer_of_one(action, (guard, capability), agent, guards);
+            }
+        }
+    }
+
+    /// Adds the operators of [`SupposedTask::add_offer_operator`] for one of the agents of an action.
+    fn add_offer_of_one(
+        &mut self,
+        action: &ActionSchema,
+        (guard, capability): (&ActionGuard, usize),
+        agent: &Typed,
+        guards: &BTreeMap<Name, ActionGuard>,
+    ) {
         let offers = atom(guard.predicate.as_str(), vec![variable(agent)]);
         let there = atom(THERE, vec![variable(agent)]);
         let effect = Effect::And(vec![Effect::Add(offers.clone()), Effect::Add(there)]);
-        let name = format!("%suppose {}", action.name);
+        let name = format!("%suppose {} {}", action.name, agent.name);
         let always = Condition::always();
         self.act(&name, vec![agent.clone()], always, effect, OperatorMeaning::Suppose(capability));
         let mut facts = Vec::new();
-        let mut scope: Vec<Typed> = action.parameters.clone();
+        let others = action.all_parameters().filter(|other| other.name != agent.name);
+        let mut scope: Vec<Typed> = others.cloned().collect();
         positive(&action.precondition, &mut scope, &mut |atom, scope| {
             if atom.arguments.contains(&variable(agent)) {
                 facts.push((atom.clone(), scope.to_vec()));
@@ -243,7 +276,8 @@ impl SupposedTask {
         let mut linked = BTreeSet::new();
         for (action, _) in acting {
             let Some(agent) = &action.agent else { continue };
-            let mut scope = action.parameters.clone();
+            let others = action.partners.iter().chain(&action.parameters);
+            let mut scope: Vec<Typed> = others.cloned().collect();
             let mut links = Vec::new();
             positive(&action.precondition, &mut scope, &mut |atom, scope| {
                 if let [Term::Variable(first), Term::Variable(second)] = atom.arguments.as_slice()
@@ -343,8 +377,9 @@ impl SupposedTask {
     ) {
         let (name, span) = (Name::new(name), Span::default());
         self.meanings.insert(name.clone(), meaning);
-        let (agent, observe) = (None, Vec::new());
-        let action = ActionSchema { name, agent, parameters, precondition, effect, observe, span };
+        let (agent, partners, observe) = (None, Vec::new(), Vec::new());
+        let action =
+            ActionSchema { name, agent, partners, parameters, precondition, effect, observe, span };
         self.domain.actions.push(action);
     }
 }

@@ -40,8 +40,8 @@ pub(crate) struct Footprint {
     /// Predicates of which the step may write any fact, because a quantifier has too many bindings.
     predicates_written: BTreeSet<Name>,
     functions_written: BTreeSet<Name>,
-    /// Agent of the step; `None` if the action declares no agent.
-    agent: Option<Name>,
+    /// Agents of the step; empty if the action declares none.
+    agents: Vec<Name>,
 }
 
 // === impl Footprint ===
@@ -50,7 +50,7 @@ impl Footprint {
     /// Whether this step must wait for the `earlier` one: their order may matter, or the same agent
     /// executes both.
     pub(crate) fn must_wait_for(&self, earlier: &Footprint) -> bool {
-        let same_agent = self.agent.is_some() && self.agent == earlier.agent;
+        let same_agent = self.agents.iter().any(|agent| earlier.agents.contains(agent));
         same_agent || self.conflicts(earlier)
     }
 
@@ -134,9 +134,7 @@ impl World {
         for (parameter, object) in schema.all_parameters().zip(&step.arguments) {
             bindings.bind(&parameter.name, object.clone());
         }
-        if schema.agent.is_some() {
-            footprint.agent = step.arguments.first().cloned();
-        }
+        footprint.agents = step.arguments.iter().take(schema.agents().count()).cloned().collect();
         self.reads(&schema.precondition, &mut bindings, &mut footprint);
         self.touches(&schema.effect, &mut bindings, &mut footprint);
         footprint

@@ -430,3 +430,57 @@ proptest! {
         }
     }
 }
+
+const LIFT: &str = "(:action lift :agent (?a - mobile-base ?b - mobile-base)
+    :parameters (?r - room)
+    :precondition (and (offers-lift ?a) (offers-lift ?b) (not (= ?a ?b)) (at ?a ?r) (at ?b ?r))
+    :effect (and (lifted ?r) (increase (total-cost) 1)))";
+
+#[track_caller]
+fn check_joint(objects: &str, init: &str, expected: &Expect) {
+    let head = HEAD
+        .replace("(offers-move", "(lifted ?r - room) (offers-lift ?b - mobile-base) (offers-move");
+    let problem = format!(
+        "(define (problem p) (:domain office)
+            (:objects office1 office2 - room corridor - corridor {objects})
+            (:init {MAP} {init}) (:goal (and)))"
+    );
+    let task = parse(&format!("{head} {LIFT} {MOVE})"), &problem);
+    let guards = [("lift", "lift", "offers-lift"), ("move", "move", "offers-move")];
+    expected.assert_eq(&explained(&task, &guards, &[], "(lifted office1)").to_string());
+}
+
+#[test]
+fn a_joint_action_lacks_the_agents_that_are_not_there() {
+    let one = "(offers-lift robot) (offers-move robot) (at robot corridor)";
+    check_joint(
+        "robot - mobile-base",
+        one,
+        &expect!["no two agents can `lift` at `office1`; another mobile base there would do"],
+    );
+    check_joint(
+        "",
+        "",
+        &expect![
+            "no two agents can `lift` at `office1`; a mobile base there and another one would do"
+        ],
+    );
+    let both = "(offers-lift robot) (offers-move robot) (at robot office1)
+        (offers-move other) (at other corridor)";
+    check_joint(
+        "robot other - mobile-base",
+        both,
+        &expect![
+            "no two agents can `lift` at `office1`; `other` does not offer `lift` now; another mobile base there would do"
+        ],
+    );
+    let far = "(offers-lift robot) (offers-move robot) (at robot office1)
+        (offers-lift other) (at other corridor)";
+    check_joint(
+        "robot other - mobile-base",
+        far,
+        &expect![
+            "no two agents can `lift` at `office1`; `other` does not offer `move` now; another mobile base there would do"
+        ],
+    );
+}

@@ -227,6 +227,7 @@ impl Scene {
                 round: 1,
                 step: 0,
             },
+            ready_for: None,
         };
         let act = Request::Act(Box::new(act));
         self.say(

@@ -7,7 +7,8 @@ use super::name;
 
 /// Returns the answer of a Domain Maintainer whose only action is `light`, by the agent `lamp`.
 pub(crate) fn lamp_snapshot(revision: u64, domain: &str, problem: &str, guard: &str) -> String {
-    let offer = Offer { schema: "light".to_owned(), guard: guard.to_owned(), method: None };
+    let offer =
+        Offer { schema: "light".to_owned(), guard: guard.to_owned(), method: None, agents: 1 };
     let snapshot = Snapshot {
         epoch: 1,
         revision,
