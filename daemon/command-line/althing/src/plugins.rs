@@ -32,6 +32,7 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     turtlebot::PLUGIN,
     cleaning_robot::PLUGIN,
     arm::PLUGIN,
+    mover::PLUGIN,
     courier::PLUGIN,
     door::PLUGIN,
     lift::PLUGIN,

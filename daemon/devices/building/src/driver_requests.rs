@@ -160,6 +160,7 @@ pub(crate) enum ParcelAsk {
     PutBack { arm: String, parcel: String, shelf: String },
     Load { arm: String, parcel: String, robot: String },
     OfArm { arm: String },
+    CarryTable { robot: String, other: String, table: String, to: String },
 }
 
 /// The answer to a [`ParcelAsk`].

@@ -250,6 +250,22 @@ pub enum DeviceError {
         /// Reason, in words.
         reason: String,
     },
+    /// The robot has lifted a table at one end, and no other robot at the other.
+    #[error("use `{device}` for that: {reason}")]
+    LiftedAlone {
+        /// Name of the robot.
+        device: String,
+        /// Reason, in words.
+        reason: String,
+    },
+    /// The other robot has let go of a table that both carried.
+    #[error("carry `{table}` on with `{device}`: the other robot has let go of it")]
+    LetGo {
+        /// Name of the robot.
+        device: String,
+        /// Name of the table.
+        table: String,
+    },
     /// The charge of the robot's battery is too low for the trip.
     #[error("drive `{device}` to `{to}`: its battery does not last so far")]
     EmptyBattery {

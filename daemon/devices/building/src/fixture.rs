@@ -58,6 +58,9 @@ fn line(event: &BuildingEvent) -> String {
         BuildingEvent::Loaded { arm, robot, parcel, at } => {
             format!("{arm} loads {parcel} on {robot} at {at}")
         }
+        BuildingEvent::TableCarried { robots: [one, other], table, from, to } => {
+            format!("{one} and {other} carry {table} {from} {to}")
+        }
         BuildingEvent::Added { device } => format!("{device} is added"),
         BuildingEvent::Removed { device } => format!("{device} is removed"),
     }

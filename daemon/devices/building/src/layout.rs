@@ -234,6 +234,8 @@ pub struct Layout {
     pub(crate) batteries: BTreeMap<String, RobotBattery>,
     /// The location of each parcel at the start, by the parcel's name.
     pub(crate) parcels: BTreeMap<String, String>,
+    /// The location of each table at the start, by the table's name.
+    pub(crate) tables: BTreeMap<String, String>,
 }
 
 /// A layout as read from a file, before it is checked.
@@ -249,13 +251,15 @@ struct RawLayout {
     batteries: BTreeMap<String, RobotBattery>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     parcels: BTreeMap<String, String>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    tables: BTreeMap<String, String>,
 }
 
 impl TryFrom<RawLayout> for Layout {
     type Error = LayoutError;
 
     fn try_from(written: RawLayout) -> Result<Layout, LayoutError> {
-        let RawLayout { locations, connections, devices, batteries, parcels } = written;
+        let RawLayout { locations, connections, devices, batteries, parcels, tables } = written;
         let mut layout = Layout::new();
         for location in locations {
             layout.add_location(location)?;
@@ -275,14 +279,17 @@ impl TryFrom<RawLayout> for Layout {
         for (parcel, location) in parcels {
             layout.add_parcel(&parcel, &location)?;
         }
+        for (table, location) in tables {
+            layout.add_table(&table, &location)?;
+        }
         Ok(layout)
     }
 }
 
 impl From<Layout> for RawLayout {
     fn from(layout: Layout) -> RawLayout {
-        let Layout { locations, connections, devices, batteries, parcels } = layout;
-        RawLayout { locations, connections, devices, batteries, parcels }
+        let Layout { locations, connections, devices, batteries, parcels, tables } = layout;
+        RawLayout { locations, connections, devices, batteries, parcels, tables }
     }
 }
 

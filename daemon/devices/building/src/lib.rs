@@ -13,7 +13,7 @@
 //! - [`Layout::seeded`] draws another building for each seed, and [`check_scenario_1`] checks
 //!   whether scenario 1 of the paper truly took place in it. [`MaintenanceScenario`] is scenario 2,
 //!   [`AccessScenario`] is scenario 3, and [`MeetingScenario`] is Figure 1 of the paper. In
-//!   [`ParcelScenario`], [`FloorsScenario`] and [`ArmScenario`] agents need each other. [`Campus`]
+//!   [`ParcelScenario`], [`FloorsScenario`], [`ArmScenario`] and [`TableScenario`] agents need each other. [`Campus`]
 //!   draws a campus of any number of houses up to [`HOUSES_MAX`], with the files of its ecosystem.
 //!
 //! Other crates contain the beliefs and messages of agents, the PDDL parser, and the substrate.
@@ -33,6 +33,7 @@ mod driver_requests;
 mod error;
 mod handle;
 mod layout;
+mod lifted_table;
 mod map;
 mod measuring;
 mod parcel_place;
@@ -47,11 +48,13 @@ mod scenario_4;
 mod scenario_5;
 mod scenario_6;
 mod scenario_7;
+mod scenario_8;
 mod screen;
 mod seeded;
 mod seeded_random;
 mod server;
 mod session;
+mod tables;
 mod truth;
 mod wire;
 mod world;
@@ -78,6 +81,7 @@ pub use scenario_4::MeetingScenario;
 pub use scenario_5::ParcelScenario;
 pub use scenario_6::FloorsScenario;
 pub use scenario_7::ArmScenario;
+pub use scenario_8::TableScenario;
 pub use seeded::{DeathTime, SeededScenario};
 pub use server::{Server, serve};
 pub use truth::{BuildingEvent, DeviceFault, LOG_MAX, Occurrence, TemperatureReading, Truth};

@@ -128,6 +128,7 @@ impl Truth {
         let at =
             |(parcel, place): (&String, &String)| (parcel.clone(), ParcelPlace::At(place.clone()));
         self.parcels = self.layout.parcels.iter().map(at).collect();
+        self.tables = self.layout.tables.clone();
         arms.iter().for_each(|device| self.store_parcels(device));
     }
 
@@ -275,6 +276,9 @@ impl Building {
             ParcelAsk::Load { arm, parcel, robot } => {
                 self.load(&arm, &parcel, &robot).await.map(done)
             }
+            ParcelAsk::CarryTable { robot, other, table, to } => {
+                self.carry_table((&robot, &other), &table, &to).await.map(done)
+            }
             ParcelAsk::OfArm { arm } => self.parcels_of(&arm),
             ParcelAsk::Carried { robot } => self.change(|truth| {
                 truth.require_robot(&robot)?;
@@ -289,7 +293,10 @@ impl Building {
                             |place: &ParcelPlace| !matches!(place, ParcelPlace::Stored { .. });
                         let seen = truth.parcels.iter().filter(|(_, place)| is_seen(place));
                         let seen = seen.map(|(name, place)| (name.clone(), place.clone()));
-                        Ok(ParcelAnswer::Places(seen.collect()))
+                        let tables = truth.tables.iter();
+                        let tables =
+                            tables.map(|(name, at)| (name.clone(), ParcelPlace::At(at.clone())));
+                        Ok(ParcelAnswer::Places(seen.chain(tables).collect()))
                     }
                     other => Err(wrong_kind(other, "tag reader")),
                 }

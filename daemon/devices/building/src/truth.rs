@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera_aim::CameraAim;
 use crate::layout::{BuildingDevice, Layout};
+use crate::lifted_table::LiftedTable;
 use crate::parcel_place::ParcelPlace;
 use crate::quantity::Quantity;
 
@@ -273,6 +274,17 @@ pub enum BuildingEvent {
         /// Name of the location of both.
         at: String,
     },
+    /// Two robots have carried a table to another location.
+    TableCarried {
+        /// Names of the robots.
+        robots: [String; 2],
+        /// Name of the table.
+        table: String,
+        /// Name of the location that it left.
+        from: String,
+        /// Name of the location where it is.
+        to: String,
+    },
     /// A device was added to the building.
     Added {
         /// Name of the added device.
@@ -324,6 +336,12 @@ pub struct Truth {
     /// Where each parcel is, by the parcel's name.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) parcels: BTreeMap<String, ParcelPlace>,
+    /// Location of each table, by the table's name.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) tables: BTreeMap<String, String>,
+    /// The tables that robots carry, by name.
+    #[serde(skip)]
+    pub(crate) lifted_tables: BTreeMap<String, LiftedTable>,
     pub(crate) log: OccurrenceLog,
     /// Faults that occur at the next use of a device, by the name of the device.
     #[serde(skip)]

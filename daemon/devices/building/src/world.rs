@@ -52,6 +52,8 @@ impl Truth {
             errands: Default::default(),
             cabins: Default::default(),
             parcels: Default::default(),
+            tables: Default::default(),
+            lifted_tables: Default::default(),
             layout,
         };
         truth.furnish();

@@ -1,5 +1,5 @@
-//! A reader of the tags of parcels: it tells the ecosystem which parcels there are, and where each of
-//! them lies. It has no actions; robots carry the parcels.
+//! A reader of the tags of parcels and tables: it tells the ecosystem which there are, and where each of
+//! them is. It has no actions; robots carry them.
 //!
 //! The reader has one driver, `simulated`.
 
@@ -19,7 +19,7 @@ use tokio::sync::watch;
 /// The entry of the tag reader in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "tag-reader",
-    about: "tells which parcels there are, and where they lie",
+    about: "tells which parcels and tables there are, and where they are",
     drivers: &["simulated"],
     has_replicas: false,
     build,
@@ -38,7 +38,11 @@ const SETTLED: Duration = Duration::from_millis(100);
 struct Config {
     /// The parcels with tags, by their names. In a simulated building each of them lies in this
     /// place at the start.
+    #[serde(default)]
     parcels: BTreeMap<String, PlaceName>,
+    /// The tables with tags, in the same way.
+    #[serde(default)]
+    tables: BTreeMap<String, PlaceName>,
 }
 
 struct TagReader {
@@ -46,17 +50,20 @@ struct TagReader {
     ontology: String,
     /// Names of the parcels with tags.
     parcels: Vec<PlaceName>,
+    /// Names of the tables with tags.
+    tables: Vec<PlaceName>,
     building: Arc<BuildingHandle>,
     /// Where each parcel was at the last reading; `None` if the tags cannot be read.
     places: Arc<watch::Sender<Option<BTreeMap<String, ParcelPlace>>>>,
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
-    let Config { parcels } = blueprint.config_as()?;
-    let parcels = parcels.into_keys().map(PlaceName::try_from);
-    let parcels: Vec<PlaceName> = parcels
-        .collect::<Result<_, _>>()
-        .map_err(|error| blueprint.problem(format!("parcels: {error}")))?;
+    let Config { parcels, tables } = blueprint.config_as()?;
+    let names = |key: &str, things: BTreeMap<String, PlaceName>| {
+        let names = things.into_keys().map(PlaceName::try_from).collect::<Result<Vec<_>, _>>();
+        names.map_err(|error| blueprint.problem(format!("{key}: {error}")))
+    };
+    let (parcels, tables) = (names("parcels", parcels)?, names("tables", tables)?);
     let building = blueprint.host.resources.get::<BuildingHandle>().ok_or_else(|| {
         blueprint.problem("a simulated driver needs a simulated building, and there is none")
     })?;
@@ -64,6 +71,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         id: blueprint.id.to_string(),
         ontology: blueprint.host.ontology.name.to_string(),
         parcels,
+        tables,
         building,
         places: Arc::new(watch::Sender::new(None)),
     };
@@ -75,27 +83,36 @@ impl Device for TagReader {
 
     fn describe(&self) -> Description {
         let TagReader { id, ontology, .. } = self;
-        let parcels = self.parcels.iter().map(|parcel| format!(" {parcel}"));
-        let parcels = match self.parcels.is_empty() {
-            true => String::new(),
-            false => format!("{} - parcel", parcels.collect::<String>()),
+        let objects = |names: &[PlaceName], ty: &str| match names {
+            [] => String::new(),
+            names => {
+                let names: Vec<String> = names.iter().map(ToString::to_string).collect();
+                format!("{} - {ty}", names.join(" "))
+            }
         };
+        let (parcels, tables) = (objects(&self.parcels, "parcel"), objects(&self.tables, "table"));
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
-                (:types tag-reader lift-cabin - agent item - object parcel - item)
+                (:types tag-reader lift-cabin - agent item - object parcel table - item)
                 (:predicates (parcel-at ?p - parcel ?l - location)
-                    (in-cabin ?p - parcel ?c - lift-cabin))
-                (:objects {id} - tag-reader {parcels}))"
+                    (in-cabin ?p - parcel ?c - lift-cabin)
+                    (table-at ?t - table ?l - location))
+                (:objects {id} - tag-reader {parcels} {tables}))"
         );
         Description { model: model_of(&text), methods: [].into() }
     }
 
     fn facts(&self) -> Vec<OwnFact> {
         let places = self.places.borrow().clone().unwrap_or_default();
+        let is_one_of =
+            |names: &[PlaceName], thing: &str| names.iter().any(|own| own.as_str() == thing);
         let known = places
             .iter()
-            .filter(|(parcel, _)| self.parcels.iter().any(|own| own.as_str() == parcel.as_str()));
+            .filter(|(thing, _)| is_one_of(&self.parcels, thing) || is_one_of(&self.tables, thing));
         let fact = |(parcel, place): (&String, &ParcelPlace)| match place {
+            ParcelPlace::At(location) if is_one_of(&self.tables, parcel) => {
+                format!(" (table-at {parcel} {location})")
+            }
             ParcelPlace::At(location) => format!(" (parcel-at {parcel} {location})"),
             ParcelPlace::In(lift) => format!(" (in-cabin {parcel} {lift})"),
             ParcelPlace::On(_) | ParcelPlace::Stored { .. } => String::new(),

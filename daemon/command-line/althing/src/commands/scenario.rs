@@ -37,7 +37,8 @@ pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
         4 => Scenario::Meeting,
         5 => Scenario::Parcel,
         6 => Scenario::Floors,
-        _ => Scenario::Arm,
+        7 => Scenario::Arm,
+        _ => Scenario::Table,
     };
     let mut script = ScenarioOptions::new(scenario, args.seed.unwrap_or(0), mode, stage);
     let json = args.print.json;

@@ -144,7 +144,8 @@ fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError> {
         }
         .at(|| config(entry, "location"))?;
     }
-    for entry in of("turtlebot").chain(of("cleaning-robot")).chain(of("courier")) {
+    for entry in of("turtlebot").chain(of("cleaning-robot")).chain(of("courier")).chain(of("mover"))
+    {
         add_robot(&mut layout, entry)?;
     }
     for entry in of("video-robot") {
@@ -220,19 +221,24 @@ fn add_arm(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationErro
     added.at(|| place)
 }
 
-/// Adds a tag reader and its parcels, each where it lies at the start.
+/// Adds a tag reader, its parcels and its tables, each where it is at the start.
 fn add_parcels(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationError> {
-    let at = || config(entry, "parcels");
-    let Some(Value::Object(parcels)) = entry.config.get("parcels") else {
+    let things = |key: &str| -> Vec<(&String, &str)> {
+        let things = entry.config.get(key).and_then(Value::as_object);
+        let things = things.into_iter().flatten();
+        things.filter_map(|(thing, place)| Some((thing, place.as_str()?))).collect()
+    };
+    let (parcels, tables) = (things("parcels"), things("tables"));
+    for (parcel, place) in &parcels {
+        layout.add_parcel(parcel, place).at(|| config(entry, "parcels"))?;
+    }
+    for (table, place) in &tables {
+        layout.add_table(table, place).at(|| config(entry, "tables"))?;
+    }
+    let Some((_, place)) = parcels.iter().chain(&tables).next() else {
         return Err(lacks(entry, "parcels"));
     };
-    let places = parcels.iter().filter_map(|(parcel, place)| Some((parcel, place.as_str()?)));
-    for (parcel, place) in places.clone() {
-        layout.add_parcel(parcel, place).at(at)?;
-    }
-    if let Some((_, place)) = places.clone().next() {
-        layout.add_tag_reader(entry.name.as_str(), place).at(at)?;
-    }
+    layout.add_tag_reader(entry.name.as_str(), place).at(|| config(entry, "parcels"))?;
     Ok(())
 }
 

@@ -1,4 +1,4 @@
-//! The scenarios of the paper (“Demonstrations”, and Figure 1), and three more in which agents need
+//! The scenarios of the paper (“Demonstrations”, and Figure 1), and four more in which agents need
 //! each other. They are played in the simulated building, and judged by its truth, which is its real
 //! state.
 //!
@@ -8,7 +8,7 @@
 //! - `scenario_run` has the steps that all scenarios share: requesting goals, receiving reports,
 //!   and waiting for a true state of the building.
 //! - One file for each scenario plays it: `temperatures` (scenario 1), `maintenance` (2), `access`
-//!   (3), `meeting` (Figure 1), and `parcels` (5 to 7).
+//!   (3), `meeting` (Figure 1), and `parcels` (5 to 8).
 
 mod access;
 mod launched;
@@ -51,6 +51,8 @@ pub(crate) enum Scenario {
     Floors,
     /// Scenario 7: an arm loads a parcel on a robot, and keeps to itself where it was.
     Arm,
+    /// Scenario 8: two robots carry a table together.
+    Table,
 }
 
 /// The options with which a scenario is played once.
@@ -135,6 +137,7 @@ pub(crate) async fn play(
         Scenario::Parcel => parcels::play_doors(script, tell).await,
         Scenario::Floors => parcels::play_floors(script, tell).await,
         Scenario::Arm => parcels::play_arm(script, tell).await,
+        Scenario::Table => parcels::play_table(script, tell).await,
     }
 }
 

@@ -1,18 +1,18 @@
-//! Three buildings in which agents need each other (the paper leaves such goals to its future work): a
-//! parcel behind closed doors (scenario 5), one that changes the floor (scenario 6), and one on a shelf
-//! that only an arm reaches, which keeps to itself where it lies (scenario 7).
+//! Four buildings in which agents need each other (the paper leaves such goals to its future work): a
+//! parcel behind closed doors (scenario 5), one that changes the floor (scenario 6), one on a shelf that
+//! only an arm reaches, which keeps to itself where it lies (scenario 7), and a table for two (scenario
+//! 8).
 
-use ::building::{ArmScenario, FloorsScenario, ParcelScenario, Truth};
+use ::building::{ArmScenario, FloorsScenario, ParcelScenario, TableScenario, Truth};
 use acl::content::Keep;
 
 use super::scenario_run::{ScenarioRun, with_time_limit};
 use super::setting::Setting;
 use super::{ScenarioEvent, ScenarioOptions, ScenarioResult};
 
-/// A parcel that is to be brought into a room.
-struct ParcelErrand {
-    parcel: String,
-    room: String,
+/// A goal about a thing that is to be brought into a room.
+struct DeliveryGoal {
+    goal: String,
     verdict: String,
 }
 
@@ -24,8 +24,8 @@ pub(super) async fn play_doors(
     let scenario = ParcelScenario::seeded(script.seed);
     let (parcel, robot, room) = (scenario.parcel(), scenario.robot(), scenario.target.clone());
     let verdict = format!("{robot} has brought {parcel} to {room}, through a door that was opened");
-    let (setting, parcel) = (Setting::new("scenario-5", &scenario.layout), parcel.to_owned());
-    let delivery = ParcelErrand { parcel, room, verdict };
+    let setting = Setting::new("scenario-5", &scenario.layout);
+    let delivery = DeliveryGoal { goal: format!("(parcel-at {parcel} {room})"), verdict };
     play(script, (setting, delivery), |truth| scenario.check(truth), tell).await
 }
 
@@ -37,8 +37,8 @@ pub(super) async fn play_floors(
     let scenario = FloorsScenario::seeded(script.seed);
     let (parcel, lift, room) = (scenario.parcel(), scenario.lift(), scenario.target.clone());
     let verdict = format!("two robots and {lift} have brought {parcel} to {room}");
-    let (setting, parcel) = (Setting::new("scenario-6", &scenario.layout), parcel.to_owned());
-    let delivery = ParcelErrand { parcel, room, verdict };
+    let setting = Setting::new("scenario-6", &scenario.layout);
+    let delivery = DeliveryGoal { goal: format!("(parcel-at {parcel} {room})"), verdict };
     play(script, (setting, delivery), |truth| scenario.check(truth), tell).await
 }
 
@@ -51,13 +51,26 @@ pub(super) async fn play_arm(
     let (parcel, arm, room) = (scenario.parcel.clone(), scenario.arm(), scenario.target.clone());
     let verdict = format!("{arm} has loaded {parcel} on a robot that brought it to {room}");
     let setting = Setting::new("scenario-7", &scenario.layout).confidential();
-    let delivery = ParcelErrand { parcel, room, verdict };
+    let delivery = DeliveryGoal { goal: format!("(parcel-at {parcel} {room})"), verdict };
+    play(script, (setting, delivery), |truth| scenario.check(truth), tell).await
+}
+
+/// Plays scenario 8: a table that two robots carry together.
+pub(super) async fn play_table(
+    script: &ScenarioOptions,
+    tell: &mut dyn FnMut(ScenarioEvent),
+) -> Result<ScenarioResult, String> {
+    let scenario = TableScenario::seeded(script.seed);
+    let (table, room) = (scenario.table(), scenario.target.clone());
+    let verdict = format!("two robots have carried {table} to {room} together");
+    let setting = Setting::new("scenario-8", &scenario.layout);
+    let delivery = DeliveryGoal { goal: format!("(table-at {table} {room})"), verdict };
     play(script, (setting, delivery), |truth| scenario.check(truth), tell).await
 }
 
 async fn play(
     script: &ScenarioOptions,
-    (setting, delivery): (Setting, ParcelErrand),
+    (setting, delivery): (Setting, DeliveryGoal),
     check: impl Fn(&Truth) -> Result<(), Vec<String>>,
     tell: &mut dyn FnMut(ScenarioEvent),
 ) -> Result<ScenarioResult, String> {
@@ -73,10 +86,9 @@ async fn play(
 async fn acts(
     performance: &mut ScenarioRun<'_>,
     setting: &Setting,
-    delivery: &ParcelErrand,
+    delivery: &DeliveryGoal,
 ) -> Result<(), String> {
     performance.await_agents(setting).await?;
-    let ParcelErrand { parcel, room, .. } = delivery;
-    performance.ask(&format!("(parcel-at {parcel} {room})"), Keep::Achieve).await?;
+    performance.ask(&delivery.goal, Keep::Achieve).await?;
     performance.until_it_holds().await
 }

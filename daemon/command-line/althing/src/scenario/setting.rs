@@ -1,7 +1,7 @@
 //! The setting of a scenario: the building, the agents on their machines, and the goals. The
 //! setting is written to files of the same form as those of a user.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::{fs, io};
@@ -81,13 +81,14 @@ impl Setting {
         devices.map(|device| device.name().to_owned()).collect()
     }
 
-    /// Returns the names of the parcels in the building.
+    /// Returns the names of the parcels and tables in the building.
     pub(super) fn parcels(&self) -> BTreeSet<String> {
         let stored = self.layout.devices().iter().flat_map(|device| match device {
             BuildingDevice::Arm { stored, .. } => stored.keys().cloned().collect(),
             _ => Vec::new(),
         });
-        self.layout.parcels().keys().cloned().chain(stored).collect()
+        let standing = self.layout.parcels().keys().chain(self.layout.tables().keys());
+        standing.cloned().chain(stored).collect()
     }
 
     /// Whether the agent named `agent` is launched later than the others.
@@ -167,6 +168,7 @@ fn plugin_of(device: &BuildingDevice, layout: &Layout) -> Option<(&'static str, 
                 true => ("video-robot", ""),
                 false if layout.devices().iter().any(is_arm) => ("courier", ", tray = true"),
                 false if !layout.parcels().is_empty() => ("courier", ""),
+                false if !layout.tables().is_empty() => ("mover", ""),
                 false => ("turtlebot", ""),
             };
             Some((plugin, format!("start = \"{start}\", speed = {meters_per_second:?}{tray}")))
@@ -181,9 +183,13 @@ fn plugin_of(device: &BuildingDevice, layout: &Layout) -> Option<(&'static str, 
             Some(("arm", format!("{place}, shelves = {shelves:?}, stored = {{ {stored} }}")))
         }
         BuildingDevice::TagReader { .. } => {
-            let parcels = layout.parcels().iter();
-            let parcels: Vec<_> = parcels.map(|(name, at)| format!("{name} = {at:?}")).collect();
-            Some(("tag-reader", format!("parcels = {{ {} }}", parcels.join(", "))))
+            let things = |things: &BTreeMap<String, String>| {
+                let things = things.iter().map(|(name, at)| format!("{name} = {at:?}"));
+                things.collect::<Vec<_>>().join(", ")
+            };
+            let (parcels, tables) = (things(layout.parcels()), things(layout.tables()));
+            let config = format!("parcels = {{ {parcels} }}, tables = {{ {tables} }}");
+            Some(("tag-reader", config))
         }
         _ => None,
     }

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use ::building::{ArmScenario, BuildingEvent, DeathTime, Layout};
+use ::building::{ArmScenario, BuildingEvent, DeathTime, Layout, TableScenario, Truth};
 use acl::content::Keep;
 use agent::{AgentSettings, Mode};
 use keyboard::UserEvent;
@@ -138,6 +138,65 @@ async fn parcels_change_the_floor_in_thirty_buildings() {
     check_all(Scenario::Floors, 0..30, ScenarioSubstrate::Memory).await;
 }
 
+#[tokio::test(start_paused = true)]
+async fn two_robots_carry_a_table_in_thirty_buildings() {
+    check_all(Scenario::Table, 0..30, ScenarioSubstrate::Memory).await;
+}
+
+/// One of two robots dies with the table in its hands, on the second part of the way. The other one lets
+/// go, and a third one takes its place.
+#[tokio::test(start_paused = true)]
+async fn a_table_arrives_although_one_of_its_robots_dies() {
+    let mut layout = Layout::new();
+    layout.add_room("store", 18.0).and_then(|it| it.add_room("lab", 21.5)).expect("rooms");
+    layout.add_corridor("hall", 19.0).expect("a place");
+    layout
+        .connect("hall", "store", 5.0)
+        .and_then(|it| it.connect("hall", "lab", 7.0))
+        .expect("ways");
+    for robot in ["mover-1", "mover-2", "mover-3"] {
+        layout.add_robot(robot, "store", 0.05).expect("a robot");
+    }
+    layout.add_table("table-1", "store").expect("a table");
+    layout.add_tag_reader("tag-reader", "store").expect("a reader");
+    let scenario = TableScenario { seed: 0, layout, target: "lab".to_owned() };
+    let setting = Setting::new("scenario-8", &scenario.layout);
+    for mode in MODES {
+        let mut lines = Vec::new();
+        let mut tell = |event: ScenarioEvent| lines.push(event.text);
+        let script = ScenarioOptions::new(Scenario::Table, 0, mode, ScenarioSubstrate::Memory);
+        let mut run = ScenarioRun::open(&setting, &script, &mut tell).await.expect("a stage");
+        let played = async {
+            run.await_agents(&setting).await?;
+            run.ask("(table-at table-1 lab)", Keep::Achieve).await?;
+            let on_the_way = |event: &BuildingEvent| match event {
+                BuildingEvent::TableCarried { robots, .. } => Some(robots.clone()),
+                _ => None,
+            };
+            run.until(|truth| truth.any(|event| on_the_way(event).is_some())).await?;
+            let truth = run.building.truth();
+            let carrying = truth.occurrences().find_map(|it| on_the_way(&it.event));
+            let [victim, _] = carrying.expect("it was awaited");
+            let departed = truth.next_sequence();
+            let departs = |truth: &Truth| {
+                let mut later = truth.occurrences().filter(|it| it.sequence >= departed);
+                later.any(|it| matches!(&it.event, BuildingEvent::Departed { robot, from, .. } if *robot == victim && from == "hall"))
+            };
+            run.until(departs).await?;
+            run.kill(&victim).await?;
+            run.until_it_holds().await
+        };
+        let played = with_time_limit(played).await;
+        let truth = run.building.truth();
+        let checked = scenario.check(&truth);
+        run.set.shut_down().await;
+        assert!(played.is_ok() && checked.is_ok(), "{mode}: {played:?} {checked:?} {lines:#?}");
+        let stayed =
+            truth.any(|event| matches!(event, BuildingEvent::Stayed { at, .. } if at == "hall"));
+        assert!(stayed, "{mode}: nobody has let go {lines:#?}");
+    }
+}
+
 /// A robot that stands still is loaded by an arm. Where the arm keeps its parcels, and what it has
 /// gripped, is in no message.
 #[tokio::test(start_paused = true)]
@@ -229,13 +288,15 @@ async fn it_is_explained_who_does_what_for_whom() {
             "so that `courier-1` can `(take-out courier-1 parcel-1 lift-1 landing-1)`",
         ),
         (Scenario::Arm, "so that `arm-1` can `(load arm-1 parcel-1 courier-1 bay)`"),
+        (Scenario::Table, "table-1 store hall)` takes both at the same time"),
     ] {
         let mut events = Vec::new();
         let script =
             ScenarioOptions::new(scenario, 0, Mode::Decentralized, ScenarioSubstrate::Memory);
         play(&script, |event| events.push(event.text)).await.expect("a stage");
         let explained = |text: &String| {
-            text.starts_with("no agent reaches `(parcel-at parcel-1 lab)` by itself; ")
+            text.starts_with("no agent reaches `(")
+                && text.contains(" by itself; ")
                 && text.contains(told)
         };
         assert!(events.iter().any(explained), "{events:#?}");
