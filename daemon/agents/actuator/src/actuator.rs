@@ -244,6 +244,7 @@ impl Agent for Actuator {
             .on(Performative::Cfp, Self::called)
             .on(Performative::AcceptProposal, Self::judged)
             .on(Performative::RejectProposal, Self::judged)
+            .on(Performative::Inform, Self::informed)
             .on(Performative::Refuse, Self::declined)
             .on(Performative::NotUnderstood, Self::declined)
             .on_broadcast(Performative::Cfp, Self::called)
@@ -500,7 +501,11 @@ impl Actuator {
         token: &ActionToken,
         ctx: &mut Context<Self>,
     ) -> BoxFuture<Result<(), MethodFailure>> {
-        ctx.answer(participation, Performative::Agree, &Agreement { token: token.clone() });
+        ctx.answer(
+            participation,
+            Performative::Agree,
+            &Agreement { token: token.clone(), has_begun: false },
+        );
         self.renew_commitment(&token.conversation);
         on_disk("the token", self.ledger.begin_token(token.clone()), ctx)
     }
@@ -530,6 +535,7 @@ impl Actuator {
     ) {
         let running = self.running_command.as_ref();
         let Some(call) = running.and_then(|running| running.call.clone()) else { return };
+        self.joint_action_begins();
         let counted = self.count_beginning(&call, ctx);
         let work = async move {
             counted.await?;
@@ -557,7 +563,7 @@ impl Actuator {
             let detail = format!("token {token} was given for {known}, not for {action}");
             Err(Refusal::new(Reason::BadContent, detail))
         };
-        let agreement = Agreement { token: token.clone() };
+        let agreement = |has_begun| Agreement { token: token.clone(), has_begun };
         if let Some(running) =
             self.running_command.as_mut().filter(|running| running.token == *token)
         {
@@ -569,7 +575,12 @@ impl Actuator {
             running.subscribers.drain(..usize::from(is_over));
             // To a joint action, the actuator agrees when it is ready.
             if !running.joint.as_ref().is_some_and(JointProgress::is_preparing) {
-                ctx.answer(participation, Performative::Agree, &agreement);
+                let has_begun = running.joint.as_ref().is_some_and(JointProgress::was_told);
+                ctx.answer(participation, Performative::Agree, &agreement(has_begun));
+            }
+            let is_done = running.joint.as_ref().is_some_and(JointProgress::is_part_done);
+            if is_done {
+                ctx.answer(participation, Performative::Confirm, &running.part_report());
             }
             return Ok(true);
         }
@@ -589,7 +600,7 @@ impl Actuator {
         if let Some(known) = report.action.as_deref().filter(|known| *known != action.as_str()) {
             return differs(known);
         }
-        ctx.answer(participation, Performative::Agree, &agreement);
+        ctx.answer(participation, Performative::Agree, &agreement(true));
         let report = Report { action: Some(action.clone()), ..report };
         ctx.answer(participation, Performative::Confirm, &report);
         Ok(true)
@@ -631,6 +642,10 @@ impl Actuator {
         outcome: Result<ErasedYield, MethodFailure>,
         ctx: &mut Context<Self>,
     ) {
+        let outcome = match outcome {
+            Ok(yielded) if self.acts_jointly() => return self.wait_for_the_end(yielded, ctx),
+            outcome => outcome,
+        };
         let is_done = self.is_action_done();
         let Some(mut running) = self.running_command.take() else { return };
         let hidden = self.confidentiality.as_ref().is_some_and(|it| it.hides_something());
@@ -805,7 +820,7 @@ impl Actuator {
     }
 
     fn cancel_command(&mut self, why: &str, ctx: &mut Context<Self>) {
-        if self.withdraw_preparation(why, ctx) {
+        if self.withdraw_preparation(&Refusal::new(Reason::Other, why), ctx) {
             return;
         }
         let Some(running) = self.running_command.take() else { return };

@@ -108,6 +108,8 @@ struct Client {
     parts: Vec<(Duration, &'static str)>,
     /// What is said to the robot so long after it has agreed to an action.
     replies: Vec<(Duration, Performative)>,
+    /// Whether the others of a joint action do their parts.
+    completes: bool,
     told: mpsc::UnboundedSender<Message>,
 }
 
@@ -143,6 +145,12 @@ impl Agent for Client {
                 ctx.open(opening, HOUR, |client: &mut Client, answer, ctx| {
                     let ExchangeEvent::Message(message) = answer else { return };
                     let exchange = message.in_reply_to.clone();
+                    let report = message.content_as::<Report>().ok();
+                    if report.is_some_and(|report| report.is_part_done) && client.completes {
+                        let exchange = exchange.clone().expect("it is an answer");
+                        let told = value(&Inform::PartsDone);
+                        ctx.send_turn(&exchange, &name("robot"), Performative::Inform, told);
+                    }
                     let has_agreed = message.performative == Performative::Agree;
                     for (after, reply) in client.replies.iter().copied().filter(|_| has_agreed) {
                         let exchange = exchange.clone().expect("it is an answer");
@@ -176,6 +184,8 @@ struct Setting {
     requests: Vec<(Duration, Request)>,
     parts: Vec<(Duration, &'static str)>,
     replies: Vec<(Duration, Performative)>,
+    /// Whether the others of a joint action never do their parts.
+    never_completes: bool,
 }
 
 fn home(setting: Setting) -> Home {
@@ -212,8 +222,9 @@ fn home(setting: Setting) -> Home {
     };
     let ((does, done), (told, heard)) = (mpsc::unbounded_channel(), mpsc::unbounded_channel());
     let robot = WavingRobot { waves_for: setting.waves_for, does };
-    let Setting { requests, parts, replies, answers, .. } = setting;
-    let client = Client { requests, parts, replies, told };
+    let Setting { requests, parts, replies, answers, never_completes, .. } = setting;
+    let completes = !never_completes;
+    let client = Client { requests, parts, replies, completes, told };
     let agents: [(&str, Box<dyn LaunchableAgent>); 3] = [
         ("robot", Actuator::build(&blueprint, robot).expect("built")),
         ("keyboard", Box::new(Keyboard(answers.into()))),
@@ -243,7 +254,9 @@ impl Home {
                 Performative::Agree => (),
                 Performative::Confirm => {
                     let report: Report = message.content_as().expect("a report");
-                    return (Some(report.outcome), report.detail);
+                    if report.outcome.is_final() {
+                        return (Some(report.outcome), report.detail);
+                    }
                 }
                 _ => {
                     let refusal: Refusal = message.content_as().expect("a refusal");
@@ -417,6 +430,32 @@ const DANCE: &str = "(dance partner robot)";
 /// Time that the robot waits for its partner.
 const READY_FOR: Duration = Duration::from_secs(20);
 
+/// The device has done its part, and the others do not: the action is not done.
+#[tokio::test(start_paused = true)]
+async fn a_joint_action_is_done_when_all_parts_are() {
+    for cancels in [false, true] {
+        let replies = [(1, Performative::AcceptProposal), (10, Performative::Cancel)];
+        let replies = replies.map(|(after, reply)| (Duration::from_secs(after), reply));
+        let mut home = home(Setting {
+            waves_for: Duration::from_secs(2),
+            requests: vec![dance(DANCE, Some(READY_FOR))],
+            replies: replies.into_iter().take(1 + usize::from(cancels)).collect(),
+            never_completes: true,
+            ..Setting::default()
+        });
+        let (outcome, detail) = home.end().await;
+        let done: Vec<_> = std::iter::from_fn(|| home.done.try_recv().ok()).collect();
+        assert_eq!(done, ["begins", "fails"]);
+        match cancels {
+            true => assert_eq!(outcome, Some(Outcome::Cancelled)),
+            false => {
+                assert_eq!(outcome, Some(Outcome::Failed));
+                assert!(detail.contains("not told of the end of that of `partner`"), "{detail}");
+            }
+        }
+    }
+}
+
 /// Plays a dance; returns how it ended, and what the device has done.
 async fn danced(
     asks_people: Option<&'static str>,
@@ -457,7 +496,7 @@ async fn nothing_begins_of_a_joint_action_that_is_ended_before() {
     let began = Instant::now();
     let (outcome, detail, done) = danced(None, &[], dance(DANCE, Some(READY_FOR))).await;
     assert_eq!((outcome, done), (Some(Outcome::Failed), vec![]));
-    assert_eq!(detail, "failed to begin: `partner` was not ready within 20s");
+    assert_eq!(detail, "failed to begin with `partner`: it was not told to within 20s");
     assert!(began.elapsed() < READY_FOR + Duration::from_secs(1), "{:?}", began.elapsed());
 
     // The robot has not agreed, so its partner does not begin either.

@@ -314,7 +314,7 @@ pub(crate) struct KeyboardArgs {
 /// Arguments of `althing scenario`.
 #[derive(Debug, Args)]
 pub(crate) struct ScenarioArgs {
-    /// The scenario of the paper; 4 is its Figure 1, 5 to 7 are parcels that need several agents
+    /// The scenario of the paper; 4 is its Figure 1, 5 to 8 need several agents at a time
     #[arg(value_name = "N", value_parser = clap::value_parser!(u8).range(1..=8))]
     pub(crate) number: u8,
     /// The planning mode [default: decentralized]

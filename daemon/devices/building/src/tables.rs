@@ -15,7 +15,7 @@ use crate::handle::BuildingHandle;
 use crate::layout::Layout;
 use crate::lifted_table::{LiftedTable, LiftingTrip};
 use crate::parcels::impossible;
-use crate::truth::{BuildingEvent, Truth};
+use crate::truth::{BuildingEvent, DeviceFault, Truth};
 
 /// Longest time between the moments at which two robots lift a table; in real time, whatever the time
 /// scale of the building.
@@ -101,13 +101,17 @@ impl Truth {
         trips.map(|trip| trip.takes).max().unwrap_or_default()
     }
 
-    /// Ends a trip with a table: both robots arrive with it, or none.
-    fn arrive(&mut self, robot: &str, table: &str) -> Result<(), DeviceError> {
+    /// Ends a trip with a table: both robots arrive with it, or none. Returns `false` if they have not
+    /// arrived, because the other robot hangs.
+    fn arrive(&mut self, robot: &str, table: &str) -> Result<bool, DeviceError> {
         let Some(lifted) = self.lifted_tables.get(table).cloned() else {
             return Err(self.let_go_by_other(robot, table));
         };
         if lifted.has_arrived {
-            return Ok(());
+            return Ok(true);
+        }
+        if lifted.robots.iter().any(|by| self.fault_of(by) == Some(DeviceFault::Hangs)) {
+            return Ok(false);
         }
         for by in &lifted.robots {
             self.require_unbroken(by).map_err(|error| match by == robot {
@@ -125,7 +129,7 @@ impl Truth {
             lifted.has_arrived = true;
         }
         self.log.record(BuildingEvent::TableCarried { robots, table, from, to });
-        Ok(())
+        Ok(true)
     }
 
     /// Ends what a robot has to do with a table. If it has not arrived, nobody carries it any more.
@@ -193,9 +197,22 @@ impl Building {
         // `self` holds the sender, so there is no error.
         let let_go = async { drop(truth.wait_for(is_let_go).await) };
         let takes = self.change(|truth| truth.carrying_time(table));
+        let arriving = async {
+            let mut seen = self.subscribe();
+            let mut takes = takes;
+            while !self.work(robot, takes, |truth| truth.arrive(robot, table)).await? {
+                let goes_on = |truth: &Truth| {
+                    let hangs = |by: &str| truth.fault_of(by) == Some(DeviceFault::Hangs);
+                    !hangs(robot) && !hangs(other)
+                };
+                drop(seen.wait_for(goes_on).await);
+                takes = Duration::ZERO;
+            }
+            Ok(())
+        };
         tokio::select! {
             biased;
-            arrived = self.work(robot, takes, |truth| truth.arrive(robot, table)) => arrived,
+            arrived = arriving => arrived,
             () = let_go => {
                 Err(DeviceError::LetGo { device: robot.to_owned(), table: table.to_owned() })
             }
@@ -229,7 +246,6 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::truth::DeviceFault;
 
     const BOTH: (&str, &str) = ("mover-1", "mover-2");
     const OTHER: (&str, &str) = ("mover-2", "mover-1");
@@ -281,6 +297,24 @@ mod tests {
         assert!(matches!(there, DeviceError::LiftedAlone { .. }), "{there}");
         let away = building.carry_table(BOTH, "table-1", "store").await.expect_err("elsewhere");
         assert!(away.to_string().contains("`table-1` is not at `hall`"), "{away}");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn if_one_hangs_the_other_waits_for_it() {
+        let building = house();
+        let repair = async {
+            building.break_device("mover-2", DeviceFault::Hangs).expect("it is there");
+            tokio::time::sleep(Duration::from_secs(60)).await;
+            assert_eq!(places(&building), ["store", "store", "store"]);
+            building.repair("mover-2").expect("it is there");
+        };
+        let (one, other, ()) = tokio::join!(
+            building.carry_table(BOTH, "table-1", "hall"),
+            building.carry_table(OTHER, "table-1", "hall"),
+            repair,
+        );
+        assert_eq!((one, other), (Ok(()), Ok(())));
+        assert_eq!(places(&building), ["hall", "hall", "hall"]);
     }
 
     #[tokio::test(start_paused = true)]

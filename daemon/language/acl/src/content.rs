@@ -477,6 +477,9 @@ pub struct Proposal {
 pub struct Agreement {
     /// Identifier of the commitment to act that the actuator has accepted.
     pub token: ActionToken,
+    /// Whether the actuator has begun its part of a joint action, for another requester.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub has_begun: bool,
 }
 
 /// Content of the Planning Agent's `propose`.
@@ -610,6 +613,10 @@ pub struct Report {
     /// argument of the action.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub agent: Option<AgentId>,
+    /// Whether the agent has done its part of a joint action, and waits for the others. Only with the
+    /// outcome `progress`.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_part_done: bool,
     /// Number of the completed step in the plan, from 0; `None` if the report is not about a
     /// completed step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -689,6 +696,8 @@ pub enum Inform {
     Epoch(EpochChange),
     /// From a Keyboard Agent: a person's answer to a `query-ref`.
     Answer(PersonsAnswer),
+    /// From a Plan Executor: all agents of a joint action have done their parts.
+    PartsDone,
 }
 
 /// Content of a `query-ref`: a question to a person.
@@ -843,6 +852,7 @@ impl Report {
             detail: detail.into(),
             action: None,
             agent: None,
+            is_part_done: false,
             step: None,
             plan: None,
             cost: None,

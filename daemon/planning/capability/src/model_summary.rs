@@ -276,6 +276,21 @@ impl ModelSummary {
             return self.flaw(ModelPartKind::Action, &schema.name, detail);
         }
         let (key, uses) = canonical::action(&schema);
+        let is_used = |declaration: &&Declaration| {
+            let name = &declaration.subject.name;
+            let mut symbols = uses.predicates.iter().chain(&uses.functions).map(|(used, _)| used);
+            declaration.private && symbols.any(|used| used == name)
+        };
+        if !schema.partners.is_empty()
+            && let Some(private) = self.declarations.iter().find(is_used)
+        {
+            let detail = format!(
+                "several agents act in it, and `{}` is `:private`: the others do not see it; declare \
+                 it outside of `:private`",
+                private.subject.name
+            );
+            return self.flaw(ModelPartKind::Action, &schema.name, &detail);
+        }
         self.offers.push(ModelAction { key, uses, schema: Arc::new(schema) });
     }
 

@@ -18,7 +18,14 @@ pub enum ExecutionEvent {
     /// The plan begins, or continues after a take-over.
     Started,
     /// The agent has agreed to its part. In a joint action, it waits for the other agents.
-    StepAgreed(StepPart),
+    StepAgreed {
+        /// The part of the agent.
+        part: StepPart,
+        /// Whether the agent has begun, as an earlier Plan Executor has told it.
+        has_begun: bool,
+    },
+    /// The agent of this part was restarted, and has received the request again.
+    StepRepeated(StepPart),
     /// The agent has sent a report about its part.
     StepReported(StepPart, Report),
     /// The agent has refused its part.
@@ -63,6 +70,8 @@ pub enum ExecutionCommand {
     RequestStep(StepPart, Box<ActionRequest>),
     /// Tell the actuator that all agents of its joint action are ready, and that it begins.
     BeginStep(StepPart),
+    /// Tell the actuator that all agents of its joint action have done their parts.
+    CompleteStep(StepPart),
     /// Cancel this part. If its agent is absent, [`ExecutionEvent::StepAbandoned`] follows.
     CancelStep(StepPart),
     /// Close the exchange about this part, and await no answer in it.
@@ -104,6 +113,12 @@ pub struct PlanState {
     /// The steps of which a part has failed or is abandoned. Their effects are not applied, also if
     /// another part is done.
     failed_steps: BTreeSet<usize>,
+    /// The steps of which a part is done, and others are not.
+    half_done_steps: BTreeSet<usize>,
+    /// The joint step with which the plan was given up, if no agent is to blame for it so far.
+    blameless_step: Option<usize>,
+    /// The steps of which the effects are told as unknown.
+    uncertain_steps: BTreeSet<usize>,
     /// Final report of the plan; `None` before the outcome is decided.
     final_report: Option<Report>,
     /// Number of changes that were sent to the Domain Maintainer and are not answered yet. While
@@ -132,7 +147,9 @@ struct RunningPart {
     has_agreed: bool,
     /// Whether the agent was told that the joint action begins.
     has_begun: bool,
-    /// Whether the failure of the part counts as a failure of the action.
+    /// Whether the agent has done its part of a joint action, and waits for the others.
+    is_part_done: bool,
+    /// Whether the action counts as failed if the part fails or is refused.
     is_blamed: bool,
 }
 
@@ -178,7 +195,8 @@ impl ExecutionEvent {
     pub fn kind(&self) -> ExecutionEventKind {
         match self {
             ExecutionEvent::Started => ExecutionEventKind::Started,
-            ExecutionEvent::StepAgreed(_) => ExecutionEventKind::StepAgreed,
+            ExecutionEvent::StepAgreed { .. } => ExecutionEventKind::StepAgreed,
+            ExecutionEvent::StepRepeated(_) => ExecutionEventKind::StepRepeated,
             ExecutionEvent::StepReported(..) => ExecutionEventKind::StepReported,
             ExecutionEvent::StepRefused(..) => ExecutionEventKind::StepRefused,
             ExecutionEvent::StepLost(..) => ExecutionEventKind::StepLost,
@@ -196,7 +214,8 @@ impl ExecutionEvent {
     /// Returns the part that the event is about; `None` if the event is about the whole plan.
     fn part(&self) -> Option<StepPart> {
         match self {
-            ExecutionEvent::StepAgreed(part)
+            ExecutionEvent::StepAgreed { part, .. }
+            | ExecutionEvent::StepRepeated(part)
             | ExecutionEvent::StepReported(part, _)
             | ExecutionEvent::StepRefused(part, _)
             | ExecutionEvent::StepLost(part, _)
@@ -222,6 +241,9 @@ impl PlanState {
             execution: Execution::new(execute, knowledge)?,
             running_parts: BTreeMap::new(),
             failed_steps: BTreeSet::new(),
+            half_done_steps: BTreeSet::new(),
+            blameless_step: None,
+            uncertain_steps: BTreeSet::new(),
             final_report: None,
             unanswered_changes: 0,
             scheduled_check: None,
@@ -280,7 +302,8 @@ impl PlanState {
     ) {
         match event {
             ExecutionEvent::Started => self.go_on(out),
-            ExecutionEvent::StepAgreed(part) => self.agreed(part, out),
+            ExecutionEvent::StepAgreed { part, has_begun } => self.agreed(part, has_begun, out),
+            ExecutionEvent::StepRepeated(part) => self.repeated(part, out),
             ExecutionEvent::StepReported(part, report) => {
                 self.reported(part, report, heartbeats, out)
             }
@@ -347,6 +370,7 @@ impl PlanState {
                     agents,
                     has_agreed: false,
                     has_begun: false,
+                    is_part_done: false,
                     is_blamed: true,
                 };
                 self.running_parts.insert(part, running);
@@ -360,22 +384,44 @@ impl PlanState {
         self.running_parts.iter().filter(move |(part, _)| part.step == step)
     }
 
-    /// Lets a joint action begin if all of its agents have agreed.
-    fn agreed(&mut self, part: StepPart, out: &mut Vec<ExecutionCommand>) {
+    /// Lets a joint action begin if all of its agents have agreed. Gives the plan up if some of them
+    /// have begun without the others, because an earlier Plan Executor was gone in between.
+    fn agreed(&mut self, part: StepPart, has_begun: bool, out: &mut Vec<ExecutionCommand>) {
         let Some(running) = self.running_parts.get_mut(&part) else { return };
-        if running.has_begun {
-            // Its agent was restarted, and would begin later than the others.
-            return out.push(ExecutionCommand::CancelStep(part));
-        }
-        running.has_agreed = true;
+        (running.has_agreed, running.has_begun) = (true, running.has_begun || has_begun);
         let agents = running.agents;
+        if agents == 1 {
+            return;
+        }
         let agreed = self.parts_of(part.step).filter(|(_, running)| running.has_agreed);
-        if agents > 1 && agreed.count() == agents {
-            let parts = self.running_parts.iter_mut().filter(|(other, _)| other.step == part.step);
-            for (part, running) in parts {
-                running.has_begun = true;
-                out.push(ExecutionCommand::BeginStep(*part));
-            }
+        let (all, begun) = agreed.fold((0, 0), |(all, begun), (_, running)| {
+            (all + 1, begun + usize::from(running.has_begun))
+        });
+        let is_half_done = self.half_done_steps.contains(&part.step);
+        if all + usize::from(is_half_done) < agents || begun == all {
+            return;
+        }
+        if begun > 0 || is_half_done {
+            let problem = "some of its agents have begun without the others";
+            let step = self.execution.step_text(part.step);
+            return self.give_up(failure(format!("{step}: {problem}")), out);
+        }
+        let parts = self.running_parts.iter_mut().filter(|(other, _)| other.step == part.step);
+        for (part, running) in parts {
+            running.has_begun = true;
+            out.push(ExecutionCommand::BeginStep(*part));
+        }
+    }
+
+    /// Handles the restart of an agent in a joint action: if the others have begun, they cannot go on
+    /// without it; otherwise it has to agree again.
+    fn repeated(&mut self, part: StepPart, out: &mut Vec<ExecutionCommand>) {
+        let Some(running) = self.running_parts.get_mut(&part) else { return };
+        running.has_agreed = false;
+        if running.agents > 1 && std::mem::take(&mut running.has_begun) {
+            // Its answer says whether it has done its part.
+            let (step, agent) = (self.execution.step_text(part.step), running.agent.clone());
+            self.give_up(failure(format!("{step}: `{agent}` was restarted")), out);
         }
     }
 
@@ -406,10 +452,28 @@ impl PlanState {
                 self.fail(part, Report { declined: report.declined, ..failure(problem) }, out);
             }
             Outcome::Cancelled => {
+                // A stop ends a joint action at all of its agents, and so does the failure of one of them.
+                if let Some(running) = self.running_parts.get_mut(&part) {
+                    running.is_blamed &= running.agents == 1;
+                }
                 let problem = format!("`{agent}` gave up: {}", report.detail);
                 self.fail(part, failure(problem), out);
             }
+            Outcome::Progress if report.is_part_done => self.part_waits(part, out),
             Outcome::Progress | Outcome::Holds => out.push(ExecutionCommand::Report(report)),
+        }
+    }
+
+    /// Handles a part of a joint action that is done and waits for the others. When all are, the action
+    /// is done: its agents tell so, and their effects hold.
+    fn part_waits(&mut self, part: StepPart, out: &mut Vec<ExecutionCommand>) {
+        let Some(running) = self.running_parts.get_mut(&part) else { return };
+        running.is_part_done = true;
+        let agents = running.agents;
+        let done = self.parts_of(part.step).filter(|(_, running)| running.is_part_done);
+        let done: Vec<StepPart> = done.map(|(part, _)| *part).collect();
+        if done.len() == agents && self.final_report.is_none() {
+            out.extend(done.into_iter().map(ExecutionCommand::CompleteStep));
         }
     }
 
@@ -424,7 +488,11 @@ impl PlanState {
     ) {
         let step = part.step;
         let running = self.running_parts.remove(&part);
-        if self.parts_of(step).next().is_some() || self.failed_steps.contains(&step) {
+        let is_half_done = self.parts_of(step).next().is_some();
+        if is_half_done {
+            self.half_done_steps.insert(step);
+        }
+        if is_half_done || self.failed_steps.contains(&step) {
             return self.end_if_idle(out);
         }
         let action = running.map(|running| running.action).unwrap_or_default();
@@ -463,8 +531,10 @@ impl PlanState {
         if let Some(running) = self.running_parts.get_mut(&part) {
             running.is_blamed = why != Reason::Uncertain;
         }
-        if !change.believe.is_empty() {
-            self.send_change(change, agent, out);
+        if !change.believe.is_empty() && self.uncertain_steps.insert(part.step) {
+            for (agent, change) in by_agent(change, &self.execution.actors(part.step)) {
+                self.send_change(change, &agent, out);
+            }
         }
         let report = failure(format!("`{agent}`: {detail}"));
         self.fail(part, Report { declined: Some(why), ..report }, out);
@@ -510,8 +580,20 @@ impl PlanState {
         if let Some(running) = self.running_parts.remove(&part) {
             self.failed_steps.insert(part.step);
             out.push(ExecutionCommand::CloseStep(part));
-            report.agent = Some(running.agent).filter(|_| running.agents > 1);
+            let is_joint = running.agents > 1;
+            report.agent = Some(running.agent).filter(|_| is_joint && running.is_blamed);
             report.action = Some(running.action).filter(|_| running.is_blamed);
+            // The partner of an agent that fails may notice it first, and is not to blame.
+            if let Some(decided) = &mut self.final_report
+                && is_joint
+                && self.blameless_step == Some(part.step)
+                && report.action.is_some()
+            {
+                (*decided, self.blameless_step) = (report.clone(), None);
+            }
+            if self.final_report.is_none() && is_joint && report.action.is_none() {
+                self.blameless_step = Some(part.step);
+            }
         }
         self.give_up(report, out);
     }

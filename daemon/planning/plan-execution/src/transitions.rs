@@ -22,6 +22,8 @@ pub enum ExecutionEventKind {
     Started,
     /// An agent has agreed to its part of a step.
     StepAgreed,
+    /// An agent was restarted, and has received the request for its part again.
+    StepRepeated,
     /// An agent has reported about a step.
     StepReported,
     /// An agent has refused a step.
@@ -69,7 +71,8 @@ const fn leads(
 /// in that phase.
 pub const TRANSITIONS: &[ExecutionTransition] = &[
     leads(ExecutionEventKind::Started, Running, &[Running, GivingUp, Ended]),
-    leads(ExecutionEventKind::StepAgreed, Running, &[Running]),
+    leads(ExecutionEventKind::StepAgreed, Running, &[Running, GivingUp, Ended]),
+    leads(ExecutionEventKind::StepRepeated, Running, &[Running, GivingUp, Ended]),
     leads(ExecutionEventKind::StepReported, Running, &[Running, AwaitingEffects, GivingUp, Ended]),
     leads(ExecutionEventKind::StepReported, GivingUp, &[GivingUp, Ended]),
     leads(ExecutionEventKind::StepRefused, Running, &[Running, GivingUp, Ended]),

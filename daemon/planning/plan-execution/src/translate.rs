@@ -60,7 +60,7 @@ pub(crate) fn translate(
     let requests = agents.into_iter().map(|agent| translate_part(step, agent, domain, offers));
     let mut requests: Vec<ActionRequest> = requests.collect::<Result<_, _>>()?;
     if requests.len() > 1 {
-        // An agent may have to ask people before it is ready, which its time limit includes.
+        // An agent may have to ask people before it is ready. The time limit of its method includes that.
         let ready_for = requests.iter().map(|request| request.timeout).max();
         requests.iter_mut().for_each(|request| request.ready_for = ready_for);
     }

@@ -53,6 +53,15 @@ fn tell(state: &mut PlanState, event: ExecutionEvent) -> Vec<ExecutionCommand> {
     state.handle(event, &LastHeartbeats::default())
 }
 
+fn agreed(part: StepPart) -> ExecutionEvent {
+    ExecutionEvent::StepAgreed { part, has_begun: false }
+}
+
+/// The agent has agreed, and has begun under an earlier Plan Executor.
+fn has_begun(part: StepPart) -> ExecutionEvent {
+    ExecutionEvent::StepAgreed { part, has_begun: true }
+}
+
 fn report(outcome: Outcome) -> Report {
     Report::new(outcome, "so it is")
 }
@@ -90,9 +99,16 @@ fn both_are_asked_and_begin_when_both_have_agreed() {
         _ => None,
     });
     assert_eq!(requests.collect::<Vec<_>>(), [(R1, "r1".to_owned()), (R2, "r2".to_owned())]);
-    assert!(begun(&tell(&mut state, ExecutionEvent::StepAgreed(R2))).is_empty());
-    assert!(begun(&tell(&mut state, ExecutionEvent::StepAgreed(R2))).is_empty());
-    assert_eq!(begun(&tell(&mut state, ExecutionEvent::StepAgreed(R1))), [R1, R2]);
+    assert!(begun(&tell(&mut state, agreed(R2))).is_empty());
+    assert!(begun(&tell(&mut state, agreed(R2))).is_empty());
+    assert_eq!(begun(&tell(&mut state, agreed(R1))), [R1, R2]);
+    // Each has done its part, and is told when both have.
+    let part_done = Report { is_part_done: true, ..report(Outcome::Progress) };
+    let first = tell(&mut state, ExecutionEvent::StepReported(R2, part_done.clone()));
+    assert!(first.is_empty(), "{first:?}");
+    let both = tell(&mut state, ExecutionEvent::StepReported(R1, part_done));
+    let completed = both.iter().filter(|it| matches!(it, ExecutionCommand::CompleteStep(_)));
+    assert_eq!((completed.count(), both.len()), (2, 2), "{both:?}");
     let first = tell(&mut state, ExecutionEvent::StepReported(R1, report(Outcome::Done)));
     assert!(first.is_empty(), "the step is not done yet: {first:?}");
     let both = tell(&mut state, ExecutionEvent::StepReported(R2, report(Outcome::Done)));
@@ -116,11 +132,11 @@ fn both_are_asked_and_begin_when_both_have_agreed() {
 #[test]
 fn if_one_cannot_the_other_is_cancelled_before_it_begins() {
     let (mut state, _) = running();
-    tell(&mut state, ExecutionEvent::StepAgreed(R1));
+    tell(&mut state, agreed(R1));
     let refusal = Refusal::new(Reason::Incapable, "it has no hands");
     let commands = tell(&mut state, ExecutionEvent::StepRefused(R2, refusal));
     assert_eq!(end(&commands), (None, vec![R1]));
-    assert!(begun(&tell(&mut state, ExecutionEvent::StepAgreed(R1))).is_empty());
+    assert!(begun(&tell(&mut state, agreed(R1))).is_empty());
     let commands = tell(&mut state, ExecutionEvent::StepReported(R1, report(Outcome::Cancelled)));
     let (ended, _) = end(&commands);
     let ended = ended.expect("it ends");
@@ -132,8 +148,8 @@ fn if_one_cannot_the_other_is_cancelled_before_it_begins() {
 fn a_step_of_which_one_part_fails_has_no_effect() {
     for is_abandoned in [false, true] {
         let (mut state, _) = running();
-        tell(&mut state, ExecutionEvent::StepAgreed(R1));
-        tell(&mut state, ExecutionEvent::StepAgreed(R2));
+        tell(&mut state, agreed(R1));
+        tell(&mut state, agreed(R2));
         let failed = match is_abandoned {
             false => ExecutionEvent::StepReported(R1, report(Outcome::Failed)),
             true => ExecutionEvent::CancelRequested(report(Outcome::Cancelled)),
@@ -155,11 +171,89 @@ fn a_step_of_which_one_part_fails_has_no_effect() {
 #[test]
 fn a_step_that_both_complete_while_the_plan_is_cancelled_has_its_effect() {
     let (mut state, _) = running();
-    tell(&mut state, ExecutionEvent::StepAgreed(R1));
-    tell(&mut state, ExecutionEvent::StepAgreed(R2));
+    tell(&mut state, agreed(R1));
+    tell(&mut state, agreed(R2));
     tell(&mut state, ExecutionEvent::CancelRequested(report(Outcome::Cancelled)));
     tell(&mut state, ExecutionEvent::StepReported(R1, report(Outcome::Done)));
     let commands = tell(&mut state, ExecutionEvent::StepReported(R2, report(Outcome::Done)));
     let changes = commands.iter().filter(|it| matches!(it, ExecutionCommand::SendChange(_)));
     assert_eq!(changes.count(), 2, "{commands:?}");
+}
+
+/// A Plan Executor that takes a plan over finds agents that have begun, and others that have not.
+#[test]
+fn agents_that_have_begun_without_the_others_are_cancelled() {
+    for events in [[has_begun(R1), agreed(R2)], [agreed(R2), has_begun(R1)]] {
+        let (mut state, _) = running();
+        let commands: Vec<_> =
+            events.into_iter().flat_map(|event| tell(&mut state, event)).collect();
+        assert!(begun(&commands).is_empty(), "{commands:?}");
+        assert_eq!(end(&commands), (None, vec![R1, R2]));
+    }
+    // One has done its part already.
+    let (mut state, _) = running();
+    tell(&mut state, has_begun(R1));
+    tell(&mut state, ExecutionEvent::StepReported(R1, report(Outcome::Done)));
+    let commands = tell(&mut state, agreed(R2));
+    assert_eq!((begun(&commands), end(&commands)), (vec![], (None, vec![R2])));
+}
+
+#[test]
+fn agents_that_have_all_begun_are_followed() {
+    let (mut state, _) = running();
+    tell(&mut state, has_begun(R1));
+    let commands = tell(&mut state, has_begun(R2));
+    assert!(commands.is_empty(), "{commands:?}");
+    tell(&mut state, ExecutionEvent::StepReported(R1, report(Outcome::Done)));
+    let commands = tell(&mut state, ExecutionEvent::StepReported(R2, report(Outcome::Done)));
+    assert_eq!(end(&commands).0.map(|report| report.outcome), Some(Outcome::Done));
+}
+
+#[test]
+fn an_agent_that_was_restarted_agrees_again() {
+    let (mut state, _) = running();
+    tell(&mut state, agreed(R2));
+    assert!(tell(&mut state, ExecutionEvent::StepRepeated(R2)).is_empty());
+    assert!(begun(&tell(&mut state, agreed(R1))).is_empty(), "the other has not agreed");
+    assert_eq!(begun(&tell(&mut state, agreed(R2))), [R1, R2]);
+}
+
+#[test]
+fn an_agent_that_was_restarted_while_it_acts_ends_the_step() {
+    let (mut state, _) = running();
+    tell(&mut state, agreed(R1));
+    tell(&mut state, agreed(R2));
+    let commands = tell(&mut state, ExecutionEvent::StepRepeated(R2));
+    assert_eq!(end(&commands), (None, vec![R1, R2]));
+    // Whether it has done its part is unknown: each agent's facts become unknown in its own name.
+    let declined = Some(Reason::Uncertain);
+    let uncertain = Report { declined, ..report(Outcome::Failed) };
+    let commands = tell(&mut state, ExecutionEvent::StepReported(R2, uncertain));
+    let owners: Vec<_> = commands
+        .iter()
+        .filter_map(|command| match command {
+            ExecutionCommand::SendChange(change) => Some(change.owner.clone()?.to_string()),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(owners, ["r1", "r2"]);
+    let commands = tell(&mut state, ExecutionEvent::StepReported(R1, report(Outcome::Cancelled)));
+    let ended = end(&commands).0.expect("it ends");
+    assert_eq!((&ended.action, &ended.agent), (&None, &None), "nobody is to blame: {ended:?}");
+}
+
+/// The partner of a broken robot notices first that it is alone.
+#[test]
+fn the_agent_that_fails_is_blamed_although_its_partner_reports_first() {
+    let (mut state, _) = running();
+    tell(&mut state, agreed(R1));
+    tell(&mut state, agreed(R2));
+    let declined = Some(Reason::Conflict);
+    let hindered = Report { declined, ..report(Outcome::Failed) };
+    tell(&mut state, ExecutionEvent::StepReported(R1, hindered));
+    let broken = Report::new(Outcome::Failed, "it is broken");
+    let commands = tell(&mut state, ExecutionEvent::StepReported(R2, broken));
+    let ended = end(&commands).0.expect("it ends");
+    assert_eq!(ended.agent.as_ref().map(AgentId::as_str), Some("r2"), "{ended:?}");
+    assert!(ended.action.is_some() && ended.detail.contains("it is broken"), "{ended:?}");
 }

@@ -192,7 +192,9 @@ impl Owner {
                 assert!(self.open.contains(step), "step {step} does not run");
                 assert!(self.cancelled.insert(*step), "step {step} is cancelled twice");
             }
-            ExecutionCommand::BeginStep(_) => panic!("no joint action is in the plan"),
+            ExecutionCommand::BeginStep(_) | ExecutionCommand::CompleteStep(_) => {
+                panic!("no joint action is in the plan")
+            }
             ExecutionCommand::CloseStep(StepPart { step, .. }) => assert!(self.open.remove(step)),
             ExecutionCommand::End(report) => self.ends.push(report.clone()),
             ExecutionCommand::Report(report) => assert!(!report.outcome.is_final()),
@@ -265,7 +267,8 @@ fn events(owner: &mut Owner) -> Vec<ExecutionEvent> {
             ExecutionEvent::StepRefused(part(step), Refusal::new(Reason::Busy, "busy")),
             ExecutionEvent::StepRefused(part(step), Refusal::new(Reason::Incapable, "no")),
             ExecutionEvent::StepLost(part(step), "`robot` did not answer in time".to_owned()),
-            ExecutionEvent::StepAgreed(part(step)),
+            ExecutionEvent::StepAgreed { part: part(step), has_begun: false },
+            ExecutionEvent::StepRepeated(part(step)),
             ExecutionEvent::StepAbandoned(part(step)),
         ]);
     }

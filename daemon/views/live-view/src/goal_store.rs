@@ -587,13 +587,13 @@ impl GoalStore {
         }
         // The Plan Executor may have reported the end first; the agent's own report is more exact.
         let is_confirmed = step.state == state && step.ended_at.is_some();
-        // A joint action that one agent fails or refuses is cancelled at the others.
+        // What others report of a joint action that one agent has failed or refused changes nothing.
         let has_failed = matches!(step.state, StepState::Failed | StepState::Refused)
-            && state == StepState::Cancelled;
+            && matches!(state, StepState::Cancelled | StepState::Done);
         if !is_confirmed && !has_failed {
             step.end(at, state);
         }
-        if state != StepState::Cancelled {
+        if state != StepState::Cancelled && !std::mem::replace(&mut step.is_timed, true) {
             let ended_at = step.ended_at.unwrap_or(at);
             let took_ms = step.started_at.map(|started| ended_at.since(started));
             self.times.add(&ground, took_ms, state == StepState::Done);

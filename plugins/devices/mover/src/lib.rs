@@ -54,8 +54,8 @@ struct Mover {
 /// The result of a method of the mover.
 enum MoverResult {
     Moved(BaseOutcome),
-    /// The table that stands at this place now.
-    Carried(String, String),
+    /// A table was carried.
+    Carried(TableErrand),
 }
 
 /// What a call of [`CARRY_TABLE`] is about.
@@ -104,12 +104,13 @@ impl Mover {
         let (building, id) = (Arc::clone(&self.building), self.id.clone());
         let located = self.base.locate();
         Box::pin(async move {
-            let TableErrand { other, table, to } = errand?;
-            let carried = building.carry_table((&id, &other), &table, &to).await;
+            let errand = errand?;
+            let TableErrand { other, table, to } = &errand;
+            let carried = building.carry_table((&id, other), table, to).await;
             // The base has not driven by itself.
             located.await;
             match carried {
-                Ok(()) => Ok(MoverResult::Carried(table, to)),
+                Ok(()) => Ok(MoverResult::Carried(errand)),
                 // This mover is able: the other one is to blame.
                 Err(why @ (DeviceError::LetGo { .. } | DeviceError::LiftedAlone { .. })) => {
                     Err(MethodFailure::Hindered(why.to_string()))
@@ -171,8 +172,8 @@ impl Device for Mover {
     fn on_success(&mut self, _call: &MethodCall, done: MoverResult) -> MethodResult {
         match done {
             MoverResult::Moved(moved) => self.base.performed(&moved),
-            MoverResult::Carried(table, place) => {
-                let detail = format!("has carried {table} to {place}, with another");
+            MoverResult::Carried(TableErrand { other, table, to }) => {
+                let detail = format!("has carried {table} to {to} with {other}");
                 MethodResult { detail, observations: Vec::new() }
             }
         }

@@ -6,6 +6,7 @@
 //! actuator a token that is executed at most once, and notifies the Domain Maintainer of the
 //! changes.
 
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use acl::AgentId;
@@ -27,13 +28,27 @@ pub(crate) fn one_step_plan(
     let domain = domain.into_result().map_err(|found| first(&found, &snapshot.domain))?;
     let problem = pddl::parse_problem(&snapshot.problem);
     let problem = problem.into_result().map_err(|found| first(&found, &snapshot.problem))?;
-    if let Some(refusal) = stopped(&step, &problem) {
+    let first = step.arguments.first().and_then(|agent| AgentId::new(agent.as_str()).ok());
+    if let Some(refusal) = first.and_then(|agent| stopped(&agent, &problem)) {
         return Err(refusal);
     }
     let offer = offer_of(&step, &snapshot.offers)?;
     let arguments = step.arguments.iter().map(|argument| argument.as_str());
     let acting = acting_agents(&snapshot.offers, step.action.as_str(), arguments);
-    let timeout = offer.method.as_ref().map_or(Duration::ZERO, |method| method.timeout.0);
+    let different: BTreeSet<&AgentId> = acting.iter().collect();
+    if acting.len() != offer.agents.max(1) || different.len() != acting.len() {
+        let (action, agents) = (&step.action, offer.agents.max(1));
+        return Err(format!("`{action}` takes {agents} different agents, its first arguments"));
+    }
+    if let Some(refusal) = acting.iter().find_map(|agent| stopped(agent, &problem)) {
+        return Err(refusal);
+    }
+    let methods = acting
+        .iter()
+        .filter_map(|agent| snapshot.offers.get(agent)?.get(step.action.as_str())?.method.as_ref());
+    let timeout = methods.map(|method| method.timeout.0).max().unwrap_or_default();
+    // Each agent of a joint action waits for the others, as long as their methods take.
+    let timeout = if acting.len() > 1 { timeout * 2 } else { timeout };
     let inside = PlanStep { action: offer.schema.as_str().into(), ..step };
     let plan = Plan { steps: vec![inside], cost: None };
     let found = pddl::check_plan(&domain, &problem, &plan);
@@ -57,14 +72,13 @@ pub(crate) fn one_step_plan(
     Ok((execute, timeout))
 }
 
-/// Returns why the agent of a step acts not now, as text for a person, if a stop concerns the agent:
-/// it offers no actions meanwhile.
-fn stopped(step: &PlanStep, problem: &Problem) -> Option<String> {
-    let agent = step.arguments.first()?;
+/// Returns why an agent acts not now, as text for a person, if a stop concerns it: it offers no
+/// actions meanwhile.
+fn stopped(agent: &AgentId, problem: &Problem) -> Option<String> {
     let is_stop = |element: &InitElement| match element {
         InitElement::Atom(atom) => {
             atom.predicate == "stopped"
-                && atom.arguments.first().is_some_and(|of| of.to_string() == agent.to_string())
+                && atom.arguments.first().is_some_and(|of| of.to_string() == agent.as_str())
         }
         _ => false,
     };

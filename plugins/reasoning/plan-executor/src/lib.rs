@@ -22,7 +22,8 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::content::{
-    Act, ActionToken, Choice, Execute, Outcome, Reason, Refusal, Report, Request, value,
+    Act, ActionToken, Agreement, Choice, Execute, Inform, Outcome, Reason, Refusal, Report,
+    Request, value,
 };
 use acl::{AgentId, Incarnation, Message, Millis, Performative, Protocol, ReplyToken};
 use agent::{
@@ -236,13 +237,14 @@ impl PlanExecutor {
     fn handle(&mut self, token: &ReplyToken, event: ExecutionEvent, ctx: &mut Context<Self>) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
         let commands = running.state.handle(event, &self.last_heartbeats);
-        let mut abandoned = Vec::new();
+        let (mut abandoned, mut begun) = (Vec::new(), Vec::new());
         for command in commands {
             match command {
                 ExecutionCommand::RequestStep(part, request) => {
                     self.request_step(token, part, *request, ctx)
                 }
-                ExecutionCommand::BeginStep(part) => self.begin_step(token, part, ctx),
+                ExecutionCommand::BeginStep(part) => begun.push(part),
+                ExecutionCommand::CompleteStep(part) => self.complete_step(token, part, ctx),
                 ExecutionCommand::CancelStep(part) => {
                     abandoned.extend(self.cancel_step(token, part, ctx));
                 }
@@ -259,6 +261,13 @@ impl PlanExecutor {
                 ExecutionCommand::AwaitEffects => self.await_effects(token, ctx),
                 ExecutionCommand::End(report) => self.end(token, report, ctx),
             }
+        }
+        match begun.iter().find(|part| !self.is_here(token, part, ctx)) {
+            Some(part) => {
+                let problem = "an agent of it has left".to_owned();
+                self.handle(token, ExecutionEvent::StepLost(*part, problem), ctx);
+            }
+            None => begun.into_iter().for_each(|part| self.begin_step(token, part, ctx)),
         }
         for part in abandoned {
             self.handle(token, ExecutionEvent::StepAbandoned(part), ctx);
@@ -285,7 +294,8 @@ impl PlanExecutor {
                 round,
                 step: u32::try_from(part.step).unwrap_or(u32::MAX),
             },
-            ready_for: ready_for.map(Millis),
+            // Requests and answers take time, too, and are repeated if they are lost.
+            ready_for: ready_for.map(|wait| Millis(wait + ctx.settings().answer_deadline)),
         };
         tracing::info!(%conversation, action = act.action, %agent, "dispatches");
         let opening = ExchangeOpening {
@@ -304,6 +314,26 @@ impl PlanExecutor {
         let agent_incarnation = ctx.find(&agent).map(|resident| resident.incarnation);
         let exchange = StepExchange { exchange, agent, timeout, ready_for, agent_incarnation };
         running.step_exchanges.insert(part, exchange);
+    }
+
+    /// Tells the actuator of a part that all agents of its joint action have done their parts.
+    fn complete_step(&mut self, token: &ReplyToken, part: StepPart, ctx: &mut Context<Self>) {
+        let Some(running) = self.running_plans.get(token) else { return };
+        if let Some(done) = running.step_exchanges.get(&part) {
+            let told = value(&Inform::PartsDone);
+            ctx.send_turn(&done.exchange, &done.agent, Performative::Inform, told);
+            ctx.extend(&done.exchange, ctx.settings().answer_deadline * 2);
+        }
+    }
+
+    /// Whether the agent of a part is present, in the incarnation that has agreed.
+    fn is_here(&self, token: &ReplyToken, part: &StepPart, ctx: &Context<Self>) -> bool {
+        let running = self.running_plans.get(token);
+        let asked = running.and_then(|running| running.step_exchanges.get(part));
+        asked.is_some_and(|asked| {
+            let here = ctx.find(&asked.agent).map(|resident| resident.incarnation);
+            here.is_some() && here == asked.agent_incarnation
+        })
     }
 
     /// Tells the actuator of a part that all agents of its joint action are ready, and that it begins.
@@ -339,11 +369,17 @@ impl PlanExecutor {
                 Performative::Agree => {
                     // The agent has agreed; from now on the time limit is that of its method.
                     let margin = ctx.settings().answer_deadline;
-                    ctx.extend(exchange, *ready_for + *timeout + margin);
-                    ExecutionEvent::StepAgreed(part)
+                    ctx.extend(exchange, *ready_for + *timeout + margin * 2);
+                    let agreement = message.content_as::<Agreement>();
+                    let has_begun = agreement.is_ok_and(|agreement| agreement.has_begun);
+                    ExecutionEvent::StepAgreed { part, has_begun }
                 }
                 Performative::Confirm => match message.content_as::<Report>() {
                     Ok(report) => {
+                        if report.is_part_done {
+                            let margin = ctx.settings().answer_deadline;
+                            ctx.extend(exchange, *ready_for + margin * 2);
+                        }
                         if report.outcome.is_final() {
                             running.step_exchanges.remove(&part);
                         }
@@ -377,7 +413,8 @@ impl PlanExecutor {
         ctx: &mut Context<Self>,
     ) -> Option<StepPart> {
         let running = self.running_plans.get_mut(token)?;
-        let StepExchange { exchange, agent, .. } = running.step_exchanges.get(&part)?.clone();
+        let Some(asked) = running.step_exchanges.get(&part) else { return Some(part) };
+        let StepExchange { exchange, agent, .. } = asked.clone();
         ctx.send_turn(&exchange, &agent, Performative::Cancel, serde_json::Value::Null);
         if ctx.find(&agent).is_some() {
             ctx.extend(&exchange, ctx.settings().answer_deadline);

@@ -19,7 +19,7 @@ use std::collections::VecDeque;
 use acl::content::{CancelAction, CancelPlan, Execute, Outcome, Reason, Refusal, Report, value};
 use acl::{ConversationId, Performative, ReplyToken};
 use agent::{Context, Participation, Resident};
-use plan_execution::ExecutionPhase;
+use plan_execution::{ExecutionEvent, ExecutionPhase};
 
 use crate::{PlanExecutor, RunningPlan, StepExchange};
 
@@ -222,10 +222,10 @@ impl PlanExecutor {
     /// The new incarnation answers whether the step had begun; the former incarnation cannot answer
     /// any more.
     pub(crate) fn repeat_requests(&mut self, resident: &Resident, ctx: &mut Context<Self>) {
-        let is_active =
-            |running: &&mut RunningPlan| running.state.phase() != ExecutionPhase::GivingUp;
-        for running in self.running_plans.values_mut().filter(is_active) {
-            for acting in running.step_exchanges.values_mut() {
+        let is_active = |running: &RunningPlan| running.state.phase() != ExecutionPhase::GivingUp;
+        let mut repeated = Vec::new();
+        for (token, running) in self.running_plans.iter_mut().filter(|(_, it)| is_active(it)) {
+            for (part, acting) in &mut running.step_exchanges {
                 let incarnation = Some(resident.incarnation);
                 if acting.agent == resident.agent
                     && acting.agent_incarnation.is_some()
@@ -233,8 +233,12 @@ impl PlanExecutor {
                 {
                     acting.agent_incarnation = incarnation;
                     ctx.reopen_with_leader(&acting.exchange);
+                    repeated.push((token.clone(), *part));
                 }
             }
+        }
+        for (token, part) in repeated {
+            self.handle(&token, ExecutionEvent::StepRepeated(part), ctx);
         }
     }
 

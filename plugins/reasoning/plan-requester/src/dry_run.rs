@@ -6,8 +6,8 @@
 //! embedded planner with the actions of all agents. In the decentralised flow the actuators bid, and
 //! the plan that is carried out may be another one.
 
+use acl::ConversationId;
 use acl::content::{GoalStatus, Keep, Snapshot};
-use acl::{AgentId, ConversationId};
 use pddl::{Atom, Condition, Plan, PlanStep};
 use planner::{Budget, Cancel, Options, StopReason};
 use serde::Serialize;
@@ -209,10 +209,12 @@ fn steps(known: &PlanningSnapshot, plan: &Plan) -> Vec<DryRunStep> {
     let outside = known.outside(plan).steps;
     let described = |(at, step): (usize, &PlanStep)| {
         let agent = step.arguments.first().map_or("", |agent| agent.as_str());
-        let offer = AgentId::new(agent).ok().and_then(|agent| {
-            known.all_offers.get(&agent)?.get(step.action.as_str())?.method.clone()
+        let acting = known.actors(step);
+        let limits = acting.iter().filter_map(|agent| {
+            let offer = known.all_offers.get(agent)?.get(step.action.as_str())?;
+            Some(offer.method.as_ref()?.timeout.0.as_millis())
         });
-        let limit = offer.map(|method| method.timeout.0.as_millis());
+        let limit = limits.max();
         DryRunStep {
             step: step.to_string(),
             agent: agent.to_owned(),

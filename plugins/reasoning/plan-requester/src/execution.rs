@@ -61,11 +61,14 @@ impl PlanRequester {
     ) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let Some(execute) = goal.plan.clone() else { return };
-        let offers = execute.offers.values().flat_map(|actions| actions.values());
-        let timeouts = offers.filter_map(|offer| Some(offer.method.as_ref()?.timeout.0));
+        let offers = || execute.offers.values().flat_map(|actions| actions.values());
+        let timeouts = offers().filter_map(|offer| Some(offer.method.as_ref()?.timeout.0));
+        // An agent of a joint action may wait for the others as long as their methods take.
+        let waits = if offers().any(|offer| offer.agents > 1) { 2 } else { 1 };
         // The time limit covers the longest method of a step and three answer deadlines. Each
         // progress report restarts it.
-        let patience = timeouts.max().unwrap_or_default() + ctx.settings().answer_deadline * 3;
+        let patience =
+            timeouts.max().unwrap_or_default() * waits + ctx.settings().answer_deadline * 3;
         let opening = ExchangeOpening {
             to: Some(self.config.plan_executor.clone()),
             performative: Performative::Request,

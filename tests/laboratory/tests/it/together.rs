@@ -77,6 +77,8 @@ enum Blow {
     Nothing,
     /// Its machine is gone.
     Dies,
+    /// Its machine is gone, and comes back at once, with an agent that remembers nothing.
+    Restarts,
     /// Its device fails from now on.
     Breaks,
     /// Its machine is gone, and that of the Plan Executor.
@@ -220,7 +222,7 @@ impl Draw {
         Draw {
             mode,
             moment: MOMENTS[random.usize(..MOMENTS.len())],
-            blow: [Blow::Nothing, Blow::Dies, Blow::Breaks, Blow::Dies][random.usize(..4)],
+            blow: [Blow::Nothing, Blow::Dies, Blow::Breaks, Blow::Restarts][random.usize(..4)],
             // The plan is made with the first ones.
             victim: CARRIERS[random.usize(..2)],
             after: Duration::from_micros(random.u64(..20_000)),
@@ -234,7 +236,8 @@ struct Played {
     said: Vec<Report>,
     moves: u32,
     alone_max: Duration,
-    has_struck: bool,
+    /// Time from the blow to the end of the goal; `None` if there was no blow.
+    recovered_in: Option<Duration>,
 }
 
 fn daemon_of(agent: &str) -> DaemonId {
@@ -283,7 +286,7 @@ async fn play(seed: u64, draw: Draw) -> Played {
     });
     let (asker, mut reports) = Sayer::of_goal("(moved desk)", Keep::Achieve);
     lives.push(launch(Box::new(asker), "asker", &house.machine_on("people", &network), false));
-    let has_struck = Mutex::new(false);
+    let (has_struck, struck_at) = (Mutex::new(false), std::cell::Cell::new(None));
     let striking = async {
         match draw.moment {
             Moment::Carrying => {
@@ -301,7 +304,17 @@ async fn play(seed: u64, draw: Draw) -> Played {
                 victim.iter().for_each(tokio::task::JoinHandle::abort);
                 network.kill(&daemon_of(draw.victim));
             }
+            Blow::Restarts => {
+                victim.iter().for_each(tokio::task::JoinHandle::abort);
+                network.kill(&daemon_of(draw.victim));
+                let machine = house.machine_on(daemon_of(draw.victim).as_str(), &network);
+                let (table, broken) = (Arc::clone(&table), working.clone());
+                let carrier = Carrier { agent: draw.victim, table, broken };
+                drop(launch(house.actuator(draw.victim, carrier), draw.victim, &machine, false));
+                machines.push(machine);
+            }
         }
+        struck_at.set(Some(Instant::now()));
         if draw.blow == Blow::DiesWithExecutor {
             network.kill(&DaemonId::new("reasoning").expect("a name"));
             let mut seen = table.subscribe();
@@ -325,13 +338,15 @@ async fn play(seed: u64, draw: Draw) -> Played {
     lives.iter().for_each(tokio::task::JoinHandle::abort);
     assert!(is_in_time, "seed {seed}, {draw:?}: no end; {said:#?}");
     let has_struck = *has_struck.lock().expect("no panic");
-    Played { said, moves, alone_max, has_struck }
+    let struck_at: Option<Instant> = struck_at.get();
+    let recovered_in = struck_at.filter(|_| has_struck).map(|at| at.elapsed());
+    Played { said, moves, alone_max, recovered_in }
 }
 
 /// Plays seeds in both flows, and checks each. Returns the longest time for which a carrier held the
-/// table alone.
-fn play_all(loss: f64, blows: &[Blow]) -> Duration {
-    let (mut struck, mut alone_max) = (0, Duration::ZERO);
+/// table alone, and the longest time from a blow to the end of the goal.
+fn play_all(loss: f64, blows: &[Blow]) -> (Duration, Duration) {
+    let (mut struck, mut alone_max, mut recovered_max) = (0, Duration::ZERO, Duration::ZERO);
     for (seed, mode) in
         (0..SEEDS).flat_map(|seed| [(seed, Mode::Centralized), (seed, Mode::Decentralized)])
     {
@@ -345,33 +360,38 @@ fn play_all(loss: f64, blows: &[Blow]) -> Duration {
         let story = || format!("seed {seed}, {draw:?}: {:#?}", played.said);
         let end = played.said.last().map(|report| report.outcome);
         assert_eq!((end, played.moves), (Some(Outcome::Done), 1), "{}", story());
-        struck += u32::from(played.has_struck);
+        struck += u32::from(played.recovered_in.is_some());
         alone_max = alone_max.max(played.alone_max);
+        recovered_max = recovered_max.max(played.recovered_in.unwrap_or_default());
     }
-    println!("{struck} blows; alone for {alone_max:?} at most");
+    println!("{struck} blows; alone for {alone_max:?}, goal after {recovered_max:?} at most");
     assert!(struck > 0 || blows == [Blow::Nothing], "nothing happened");
-    alone_max
+    (alone_max, recovered_max)
 }
 
 #[test]
 fn carriers_begin_together_and_let_go_together() {
-    let alone = play_all(0.0, &[Blow::Nothing, Blow::Breaks]);
+    let (alone, recovered) = play_all(0.0, &[Blow::Nothing, Blow::Breaks]);
     assert!(alone <= Duration::from_millis(10), "{alone:?}");
+    assert!(recovered <= Duration::from_secs(2), "{recovered:?}");
 }
 
+/// The others are not taken for failed, and go on with the third one.
 #[test]
 fn a_carrier_lets_go_if_its_partner_has_died() {
-    let alone = play_all(0.0, &[Blow::Dies]);
+    let (alone, recovered) = play_all(0.0, &[Blow::Dies, Blow::Restarts]);
     let grace = AgentSettings::default().grace;
-    assert!(alone <= grace + Duration::from_millis(100), "{alone:?}");
+    assert!(alone <= grace + Duration::from_millis(10), "{alone:?}");
+    assert!(recovered <= Duration::from_secs(3), "{recovered:?}");
 }
 
 #[test]
 fn carriers_reach_the_goal_on_bad_links() {
-    let alone = play_all(0.2, &[Blow::Nothing, Blow::Breaks]);
-    assert!(alone <= Duration::from_secs(1), "{alone:?}");
-    let alone = play_all(0.2, &[Blow::Dies]);
-    assert!(alone <= AgentSettings::default().grace + Duration::from_secs(1), "{alone:?}");
+    let (alone, _) = play_all(0.2, &[Blow::Nothing, Blow::Breaks]);
+    assert!(alone <= Duration::from_millis(500), "{alone:?}");
+    let (alone, recovered) = play_all(0.2, &[Blow::Dies, Blow::Restarts]);
+    assert!(alone <= AgentSettings::default().grace + Duration::from_millis(500), "{alone:?}");
+    assert!(recovered <= Duration::from_secs(30), "{recovered:?}");
 }
 
 /// Nobody is left who could cancel the action.

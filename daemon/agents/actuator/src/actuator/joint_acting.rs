@@ -5,16 +5,19 @@
 //!   does nothing, and an action that is cancelled leaves nothing behind.
 //! - *Acting*: the requester has said that all are ready. An agent whose partner leaves stops, also
 //!   if the requester is gone.
+//! - *Done*: the device has done its part. What it has changed holds when the requester says that all
+//!   have; until then the actuator takes no other work, and may still be cancelled.
 
 use std::time::Duration;
 
-use acl::content::{ActionToken, Agreement, Reason, Refusal};
-use acl::{AgentId, Millis, Performative, ReplyToken};
+use acl::content::{ActionToken, Agreement, Inform, Outcome, Reason, Refusal, Report};
+use acl::{AgentId, Message, Millis, Performative, ReplyToken};
 use agent::{Context, Participation, Presence};
 use tokio::sync::oneshot;
 
 use super::{Actuator, RunningCommand, on_disk};
 use crate::device::{MethodCall, MethodFailure};
+use crate::erased_device::ErasedYield;
 
 /// Longest time for which an actuator waits for the other agents, whatever is asked of it. Meanwhile it
 /// does nothing else.
@@ -33,9 +36,13 @@ pub(super) struct JointProgress {
 
 enum JointActionPhase {
     Preparing,
-    /// Ends the wait.
-    Ready(oneshot::Sender<()>),
+    /// Ends the wait; `None` if the actuator was told to begin.
+    Ready(Option<oneshot::Sender<()>>),
     Acting,
+    /// The sender ends the wait.
+    Done(ErasedYield, Option<oneshot::Sender<()>>),
+    /// All agents have done their parts.
+    Completed,
 }
 
 // === impl JointProgress ===
@@ -62,9 +69,14 @@ impl JointProgress {
         matches!(self.phase, JointActionPhase::Preparing)
     }
 
-    /// Whether the device has begun.
-    pub(super) fn is_acting(&self) -> bool {
-        matches!(self.phase, JointActionPhase::Acting)
+    /// Whether the actuator was told to begin.
+    pub(super) fn was_told(&self) -> bool {
+        !matches!(self.phase, JointActionPhase::Preparing | JointActionPhase::Ready(Some(_)))
+    }
+
+    /// Whether the device has done its part, and the others are awaited.
+    pub(super) fn is_part_done(&self) -> bool {
+        matches!(self.phase, JointActionPhase::Done(..))
     }
 }
 
@@ -73,7 +85,16 @@ impl JointProgress {
 impl RunningCommand {
     /// Whether the device has nothing to do with the action yet.
     pub(super) fn waits_for_partners(&self) -> bool {
-        self.joint.as_ref().is_some_and(|joint| !joint.is_acting())
+        let waits = |joint: &JointProgress| {
+            matches!(joint.phase, JointActionPhase::Preparing | JointActionPhase::Ready(_))
+        };
+        self.joint.as_ref().is_some_and(waits)
+    }
+
+    /// Returns the report that the device has done its part.
+    pub(super) fn part_report(&self) -> Report {
+        let report = Report::new(Outcome::Progress, "has done its part");
+        Report { is_part_done: true, action: Some(self.action.clone()), ..report }
     }
 }
 
@@ -110,10 +131,10 @@ impl Actuator {
         let Some(running) = &mut self.running_command else { return };
         let Some(joint) = &mut running.joint else { return };
         let (begin, begun) = oneshot::channel();
-        joint.phase = JointActionPhase::Ready(begin);
+        joint.phase = JointActionPhase::Ready(Some(begin));
         let (token, ready_for) = (running.token.clone(), joint.ready_for);
         let partners = partners_in_words(&joint.partners);
-        let agreement = Agreement { token: token.clone() };
+        let agreement = Agreement { token: token.clone(), has_begun: false };
         for asker in &running.subscribers {
             ctx.answer(asker, Performative::Agree, &agreement);
         }
@@ -123,7 +144,8 @@ impl Actuator {
                 Ok(Ok(())) => Ok(()),
                 Ok(Err(_)) => Err(MethodFailure::GivenUp),
                 Err(_) => {
-                    let why = format!("begin: {partners} was not ready within {ready_for:?}");
+                    let why =
+                        format!("begin with {partners}: it was not told to within {ready_for:?}");
                     Err(MethodFailure::Hindered(why))
                 }
             }
@@ -145,14 +167,21 @@ impl Actuator {
             return false;
         }
         if let Some(joint) = &mut running.joint
-            && let JointActionPhase::Ready(_) = joint.phase
-            && let JointActionPhase::Ready(begin) =
-                std::mem::replace(&mut joint.phase, JointActionPhase::Acting)
+            && let JointActionPhase::Ready(begin) = &mut joint.phase
+            && let Some(begin) = begin.take()
         {
-            // The receiver is dropped only with the running action.
+            // Without its receiver the wait is over, and the action ends.
             let _ = begin.send(());
         }
         true
+    }
+
+    /// Records that the device begins.
+    pub(super) fn joint_action_begins(&mut self) {
+        let joint = self.running_command.as_mut().and_then(|running| running.joint.as_mut());
+        if let Some(joint) = joint {
+            joint.phase = JointActionPhase::Acting;
+        }
     }
 
     fn begin_together(&mut self, ctx: &mut Context<Self>) {
@@ -166,30 +195,87 @@ impl Actuator {
         }
     }
 
+    /// Whether the running action is a joint one that the device carries out.
+    pub(super) fn acts_jointly(&self) -> bool {
+        let joint = self.running_command.as_ref().and_then(|running| running.joint.as_ref());
+        joint.is_some_and(|joint| matches!(joint.phase, JointActionPhase::Acting))
+    }
+
+    /// Tells that the device has done its part, and waits until all have.
+    pub(super) fn wait_for_the_end(&mut self, yielded: ErasedYield, ctx: &mut Context<Self>) {
+        let Some(running) = &mut self.running_command else { return };
+        let report = running.part_report();
+        let Some(joint) = &mut running.joint else { return };
+        let (complete, completed) = oneshot::channel();
+        joint.phase = JointActionPhase::Done(yielded, Some(complete));
+        let (partners, limit) = (partners_in_words(&joint.partners), joint.ready_for);
+        for asker in &running.subscribers {
+            ctx.answer(asker, Performative::Confirm, &report);
+        }
+        let over = async move {
+            tokio::time::timeout(limit, completed).await.map_err(|_| {
+                let why = "end its part: it was not told of the end of that of";
+                MethodFailure::Hindered(format!("{why} {partners} within {limit:?}"))
+            })
+        };
+        let work = ctx.run(over, |actuator: &mut Self, over, ctx| match over {
+            Ok(_) => actuator.all_are_done(ctx),
+            Err(failure) => actuator.command_ended(Err(failure), ctx),
+        });
+        if let Some(running) = &mut self.running_command {
+            running._work = work;
+        }
+    }
+
+    /// Takes the word of a requester that all agents have done their parts.
+    pub(super) fn informed(&mut self, message: Message, _ctx: &mut Context<Self>) {
+        let is_asker = |asker: &Participation| message.exchange() == Some(&asker.exchange);
+        let Ok(Inform::PartsDone) = message.content_as::<Inform>() else { return };
+        let Some(running) = &mut self.running_command else { return };
+        if let Some(joint) = &mut running.joint
+            && running.subscribers.iter().any(is_asker)
+            && let JointActionPhase::Done(_, complete) = &mut joint.phase
+            && let Some(complete) = complete.take()
+        {
+            // Without its receiver the wait is over, and the action ends.
+            let _ = complete.send(());
+        }
+    }
+
+    fn all_are_done(&mut self, ctx: &mut Context<Self>) {
+        let joint = self.running_command.as_mut().and_then(|running| running.joint.as_mut());
+        let Some(joint) = joint else { return };
+        let phase = std::mem::replace(&mut joint.phase, JointActionPhase::Completed);
+        if let JointActionPhase::Done(yielded, _) = phase {
+            self.command_ended(Ok(yielded), ctx);
+        }
+    }
+
     /// Ends a joint action to which the actuator has not agreed.
     fn refuse_to_begin(&mut self, failure: &MethodFailure, ctx: &mut Context<Self>) {
-        let Some(running) = self.running_command.take() else { return };
         let reason = match failure {
             MethodFailure::Unanswered(_) => Reason::Unanswered,
             _ => Reason::Incapable,
         };
         let refusal = Refusal::new(reason, format!("failed to {failure}"));
-        for asker in &running.subscribers {
-            ctx.answer(asker, Performative::Refuse, &refusal);
-        }
+        self.withdraw_preparation(&refusal, ctx);
     }
 
     /// If the running action is a joint one to which the actuator has not agreed, refuses it. Returns
     /// whether it is.
-    pub(super) fn withdraw_preparation(&mut self, why: &str, ctx: &mut Context<Self>) -> bool {
+    pub(super) fn withdraw_preparation(
+        &mut self,
+        refusal: &Refusal,
+        ctx: &mut Context<Self>,
+    ) -> bool {
         let is_preparing = |running: &mut RunningCommand| {
             running.joint.as_ref().is_some_and(JointProgress::is_preparing)
         };
         let Some(running) = self.running_command.take_if(is_preparing) else { return false };
         self.withdraw_consent(ctx);
-        let refusal = Refusal::new(Reason::Other, why);
+        self.commitment.take_if(|held| held.is_for(&running.token.conversation));
         for asker in &running.subscribers {
-            ctx.answer(asker, Performative::Refuse, &refusal);
+            ctx.answer(asker, Performative::Refuse, refusal);
         }
         true
     }
@@ -199,11 +285,15 @@ impl Actuator {
         self.running_command.as_ref().is_some_and(|running| running.joint.is_some())
     }
 
-    /// Ends the running joint action if one of its agents has left and does not come back soon.
+    /// Ends the running joint action if one of its agents has left and does not come back soon, or if no
+    /// requester is left.
     pub(super) fn partner_left(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         let Presence::Left(resident) = presence else { return };
         let Some(running) = &self.running_command else { return };
         let Some(joint) = &running.joint else { return };
+        if running.subscribers.iter().any(|asker| asker.initiator == resident.agent) {
+            return self.check_orphaned(running.token.clone(), false, ctx);
+        }
         if !joint.partners.contains(&resident.agent) {
             return;
         }
@@ -213,7 +303,11 @@ impl Actuator {
             let is_it = |running: &RunningCommand| running.token == token;
             let is_back = ctx.directory().find_incarnation(&partner, incarnation).is_some();
             if !is_back && actuator.running_command.as_ref().is_some_and(is_it) {
-                actuator.cancel_command(&format!("`{partner}` acts with it, and has left"), ctx);
+                let why = format!("go on: its partner `{partner}` has left");
+                let refusal = Refusal::new(Reason::Conflict, format!("failed to {why}"));
+                if !actuator.withdraw_preparation(&refusal, ctx) {
+                    actuator.command_ended(Err(MethodFailure::Hindered(why)), ctx);
+                }
             }
         });
     }

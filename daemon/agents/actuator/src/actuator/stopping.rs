@@ -254,7 +254,10 @@ impl Actuator {
         match ends {
             Some(stop) => {
                 // The heartbeat before the report of the action announces the new offer.
-                self.cancel_command(&described(&stop), ctx);
+                let refusal = refusal(action.as_deref().unwrap_or_default(), &stop);
+                if !self.withdraw_preparation(&refusal, ctx) {
+                    self.cancel_command(&described(&stop), ctx);
+                }
                 self.ended_by_stop = action.map(|action| (action, stop.id));
             }
             None if self.stops.in_force().is_empty() => self.send_heartbeat(ctx),

@@ -122,6 +122,7 @@ fn title(number: u8) -> String {
         5 => "A parcel behind closed doors".to_owned(),
         6 => "A parcel that changes the floor".to_owned(),
         7 => "A parcel on a shelf that only an arm reaches".to_owned(),
+        8 => "A table for two".to_owned(),
         number => format!("Scenario {number} of the paper"),
     }
 }

@@ -236,7 +236,7 @@ fn add_parcels(layout: &mut Layout, entry: &AgentEntry) -> Result<(), Simulation
         layout.add_table(table, place).at(|| config(entry, "tables"))?;
     }
     let Some((_, place)) = parcels.iter().chain(&tables).next() else {
-        return Err(lacks(entry, "parcels"));
+        return Err(lacks(entry, "parcels` or `tables"));
     };
     layout.add_tag_reader(entry.name.as_str(), place).at(|| config(entry, "parcels"))?;
     Ok(())

@@ -99,6 +99,19 @@ impl Reviewer<'_> {
     }
 }
 
+/// Whether as many agents declare an action, all in the same way, as act in it.
+fn has_all_agents(action: &ActionSchema, models: &BTreeMap<AgentId, ActionModel>) -> bool {
+    if action.partners.is_empty() {
+        return true;
+    }
+    let text = action.to_string();
+    let declares = |model: &&ActionModel| {
+        let mut named = model.actions.iter().filter(|other| other.name == action.name);
+        named.any(|other| other.to_string() == text)
+    };
+    models.values().filter(declares).count() > action.partners.len()
+}
+
 // === impl Possibilities ===
 
 impl<'m> Possibilities<'m> {
@@ -121,6 +134,9 @@ impl<'m> Possibilities<'m> {
                 let mut added: Vec<&Atom> = action.observe.iter().collect();
                 collect_changes(&action.effect, &mut added, &mut changed);
                 changed.extend(added.iter().map(|atom| atom.predicate.clone()));
+                if !has_all_agents(action, models) {
+                    continue;
+                }
                 makers.extend(added.into_iter().map(|atom| (agent, action, atom)));
             }
         }

@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use acl::content::Snapshot;
-use pddl::{ActionSchema, Domain, Effect, Name, Privacy, Problem, TypeExpr, Typed};
+use pddl::{ActionSchema, Domain, Effect, Name, Privacy, Problem, TypeExpr, Typed, Types};
 use web_page::{PageSetup, SetupAction, SetupObject, SetupParameter, SetupPredicate, SetupType};
 
 /// Maximum number of elements of each kind that are described. A building has some thousands of
@@ -20,7 +20,7 @@ pub(super) fn describe(snapshot: &Snapshot, empty: PageSetup) -> Option<PageSetu
         types: types(&domain),
         objects: objects(&domain, &problem),
         predicates: predicates(&domain, snapshot),
-        actions: actions(&domain, snapshot),
+        actions: actions(&domain, &problem, snapshot),
         ..empty
     })
 }
@@ -77,13 +77,26 @@ fn changed(domain: &Domain) -> BTreeSet<Name> {
     changed.chain(domain.derived.iter().map(|axiom| axiom.predicate.clone())).collect()
 }
 
-fn actions(domain: &Domain, snapshot: &Snapshot) -> Vec<SetupAction> {
+fn actions(domain: &Domain, problem: &Problem, snapshot: &Snapshot) -> Vec<SetupAction> {
     let mut actions = Vec::new();
+    let types = Types::of(domain);
+    // The agent of a form is the first argument. In a joint action with several roles, not every agent
+    // may be.
+    let may_be_first = |agent: &str, schema: &ActionSchema| {
+        let declared = problem.objects.iter().map(|declared| &declared.object);
+        let object = domain.constants.iter().chain(declared).find(|object| object.name == agent);
+        schema.partners.is_empty()
+            || object
+                .zip(schema.agent.as_ref())
+                .is_none_or(|(object, first)| types.accepts(&first.ty, &object.ty))
+    };
     for (agent, offers) in &snapshot.offers {
         for (name, offer) in offers {
             let is_schema = |schema: &&ActionSchema| schema.name == *offer.schema.as_str();
             let Some(schema) = domain.actions.iter().find(is_schema) else { continue };
-            // A form names one agent, which is the first argument.
+            if !may_be_first(agent.as_str(), schema) {
+                continue;
+            }
             let parameters = schema.all_parameters().skip(1).map(parameter).collect();
             actions.push(SetupAction { agent: agent.clone(), name: name.clone(), parameters });
         }

@@ -46,7 +46,8 @@ impl<'t> Checker<'_, 't> {
         }
         for agent in agent.iter().chain(partners) {
             if let Some(again) = parameters.iter().find(|typed| typed.name == agent.name) {
-                let message = format!("`?{}` is the agent and a parameter", agent.name);
+                let article = if partners.is_empty() { "the" } else { "an" };
+                let message = format!("`?{}` is {article} agent and a parameter", agent.name);
                 let twice = Diagnostic::error(again.name.span(), message);
                 self.report(twice.with_note(agent.name.span(), "the agent is here"));
             }

@@ -12,7 +12,7 @@ use crate::tree::{
     ActionSchema, Atom, Condition, Derived, DurativeAction, Effect, Name, Span, TimedEffect, Typed,
 };
 
-const ACTION: &str = "(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] \
+const ACTION: &str = "(:action NAME [:agent VARIABLE - TYPE | :agent (VARIABLES)] [:parameters (VARIABLES)] \
     [:precondition CONDITION] [:effect EFFECT] [:observe OBSERVED])";
 const OBSERVE: &str = ":observe (SYMBOL TERM*) | (and (SYMBOL TERM*)*)";
 const DURATIVE_ACTION: &str = "(:durative-action NAME [:agent VARIABLE - TYPE] \
@@ -263,11 +263,23 @@ impl<'f> ActionParts<'f> {
     /// and the others.
     fn agents(&mut self, reader: &mut GrammarReader<'f>) -> (Option<Typed>, Vec<Typed>) {
         let Some(node) = self.items.peek() else { return (None, Vec::new()) };
-        let Some(inner) = node.list() else {
-            return (declarations::opt_typed_variable(reader, &mut self.items), Vec::new());
+        let is_key = |node: SyntaxNode<'_>| node.symbol().is_some_and(|word| word.starts_with(':'));
+        let is_variable =
+            |node: &SyntaxNode<'_>| node.symbol().is_some_and(|it| it.starts_with('?'));
+        let are_several = || self.items.until(is_key).filter(is_variable).count() > 1;
+        let mut agents = match node.list() {
+            Some(inner) => {
+                self.items.next();
+                names::variables(reader, inner)
+            }
+            None if is_variable(&node) && are_several() => {
+                self.items.next();
+                names::listed_variables(reader, node, &mut self.items, is_key, AGENTS)
+            }
+            None => {
+                return (declarations::opt_typed_variable(reader, &mut self.items), Vec::new());
+            }
         };
-        self.items.next();
-        let mut agents = names::variables(reader, inner);
         if agents.is_empty() {
             let message = "`:agent` names no variable";
             reader.report(Diagnostic::error(node.span(), message).with_rule(AGENTS));

@@ -411,7 +411,7 @@ fn agents_of_a_joint_action_are_checked() {
            (:action b :agent (?r ?s - robot) :parameters (?s - location) :precondition (at ?s ?l))",
         expect![[r#"
             1:91: error: the agent `?r` is declared twice at `?r`
-            2:59: error: `?s` is the agent and a parameter at `?s`
+            2:59: error: `?s` is an agent and a parameter at `?s`
             2:92: error: `?s` is of type `location`, `at` wants `robot` [(at ?r - robot ?l - location)] at `?s`
             2:95: error: unknown variable `?l` at `?l`
         "#]],

@@ -147,7 +147,8 @@ fn errors_in_sections() {
 fn errors_in_agents_of_actions() {
     check(
         "(define (domain d) (:action a :agent () :effect (p)) (:action b :agent (robot) :effect (p))
-           (:durative-action c :agent (?r ?s - t) :duration (= ?duration 1) :effect ()))",
+           (:durative-action c :agent (?r ?s - t) :duration (= ?duration 1) :effect ())
+           (:action d :agent ?a ?b - robot :parameters (?x) :effect (p)))",
         expect![[r#"
             1:38: error: `:agent` names no variable [:agent (VARIABLES)]
               at `()`
@@ -157,12 +158,18 @@ fn errors_in_agents_of_actions() {
               at `robot`
             2:43: error: a durative action has one agent [:agent VARIABLE - TYPE]
               at `?s`
+            3:30: error: the parentheses around the variables are missing; write `(?a ?b - robot)` [:agent (VARIABLES)]
+              at `?a`
             (define (domain d)
               (:action a
                 :parameters ()
                 :effect (p))
               (:action b
                 :parameters ()
+                :effect (p))
+              (:action d
+                :agent (?a ?b - robot)
+                :parameters (?x)
                 :effect (p))
               (:durative-action c
                 :agent ?r - t
@@ -182,7 +189,7 @@ fn errors_in_parts_of_actions() {
         expect![[r#"
             1:31: error: unknown keyword `:parameter`; did you mean `:parameters`?
               at `:parameter`
-            1:59: error: expected a keyword, found `stray` [(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] [:precondition CONDITION] [:effect EFFECT] [:observe OBSERVED])]
+            1:59: error: expected a keyword, found `stray` [(:action NAME [:agent VARIABLE - TYPE | :agent (VARIABLES)] [:parameters (VARIABLES)] [:precondition CONDITION] [:effect EFFECT] [:observe OBSERVED])]
               at `stray`
             1:65: error: `:effect` is given twice
               at `:effect`
@@ -190,7 +197,7 @@ fn errors_in_parts_of_actions() {
             2:26: error: `:agent` is given twice
               at `:agent`
               2:12: the first is here
-            2:40: error: nothing follows `:precondition` [(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] [:precondition CONDITION] [:effect EFFECT] [:observe OBSERVED])]
+            2:40: error: nothing follows `:precondition` [(:action NAME [:agent VARIABLE - TYPE | :agent (VARIABLES)] [:parameters (VARIABLES)] [:precondition CONDITION] [:effect EFFECT] [:observe OBSERVED])]
               at `:precondition`
             2:54: warning: `:vars` are read as further parameters; write them into `:parameters`
               at `:vars`

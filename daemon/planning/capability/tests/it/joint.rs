@@ -47,6 +47,19 @@ fn an_agent_of_none_of_the_types_may_not_act() {
     assert_eq!(office.snapshot().offers().len(), 2);
 }
 
+/// The others could not check what only its own agent knows.
+#[test]
+fn a_joint_action_needs_nothing_private() {
+    let sections = "(:types robot trolley - mobile-base) (:objects r-3 - robot)
+        (:predicates (:private (rested ?a - robot)))
+        (:action hold :agent (?a ?b - robot) :precondition (rested ?b) :effect (and))";
+    let office = hall().with([model("r-3", sections)]);
+    let conflicts = office.maintainer.conflicts();
+    let detail = conflicts.iter().map(|conflict| conflict.detail.clone()).collect::<String>();
+    assert!(detail.contains("`rested` is `:private`: the others do not see it"), "{detail}");
+    assert_eq!(office.actions(), "carry");
+}
+
 /// An agent that joins a known action is added without a new composition.
 #[test]
 fn a_further_agent_joins_a_joint_action() {

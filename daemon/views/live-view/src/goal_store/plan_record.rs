@@ -19,6 +19,8 @@ pub(crate) struct StepRecord {
     pub(crate) started_at: Option<Moment>,
     pub(crate) ended_at: Option<Moment>,
     pub(crate) detail: String,
+    /// Whether an agent has reported how it ended, so that its time is known.
+    pub(crate) is_timed: bool,
 }
 
 impl StepRecord {
@@ -29,6 +31,7 @@ impl StepRecord {
             started_at: None,
             ended_at: None,
             detail: String::new(),
+            is_timed: false,
         }
     }
 

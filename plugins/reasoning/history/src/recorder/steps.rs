@@ -180,8 +180,12 @@ impl EventRecorder {
             self.agent(sender).end_step(&action, event, at_ms);
             let trace = self.goal(conversation, at_ms);
             trace.last = event;
+            // The others of a joint action are cancelled after the failure of one.
+            let is_consequence =
+                report.outcome == Outcome::Cancelled && trace.failed_step.is_some();
             match worked {
                 true => trace.last_step = Some(event),
+                false if is_consequence => (),
                 false => trace.failed_step = Some(event),
             }
         }

@@ -152,7 +152,11 @@ impl Body {
             }
             Conduct::RefusesAtFirst(..) => self.confirm(participation, *act, Duration::ZERO, ctx),
             Conduct::FallsSilent => {
-                ctx.answer(&participation, Performative::Agree, &Agreement { token: act.token });
+                ctx.answer(
+                    &participation,
+                    Performative::Agree,
+                    &Agreement { token: act.token, has_begun: false },
+                );
             }
             Conduct::Confirms(after) => self.confirm(participation, *act, after, ctx),
         }
@@ -165,7 +169,11 @@ impl Body {
         after: Duration,
         ctx: &mut Context<Self>,
     ) {
-        ctx.answer(&participation, Performative::Agree, &Agreement { token: act.token });
+        ctx.answer(
+            &participation,
+            Performative::Agree,
+            &Agreement { token: act.token, has_begun: false },
+        );
         ctx.after(after, move |_: &mut Self, ctx| {
             let report = Report::new(Outcome::Done, "so it is");
             let report = Report { action: Some(act.action), ..report };

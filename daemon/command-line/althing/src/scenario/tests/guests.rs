@@ -122,7 +122,7 @@ impl Guest {
             Conduct::Refuses => ctx.refuse(&participation, Reason::Incapable, "I only say so"),
             Conduct::AgreesAndIsSilent => {
                 let Ok(Request::Act(act)) = message.content_as() else { return };
-                let agreement = Agreement { token: act.token };
+                let agreement = Agreement { token: act.token, has_begun: false };
                 ctx.answer(&participation, Performative::Agree, &agreement);
             }
             Conduct::IsSilent | Conduct::HasABrokenModel => (),
