@@ -244,7 +244,6 @@ impl Agent for Actuator {
             .on(Performative::Cfp, Self::called)
             .on(Performative::AcceptProposal, Self::judged)
             .on(Performative::RejectProposal, Self::judged)
-            .on(Performative::Inform, Self::informed)
             .on(Performative::Refuse, Self::declined)
             .on(Performative::NotUnderstood, Self::declined)
             .on_broadcast(Performative::Cfp, Self::called)
@@ -469,7 +468,8 @@ impl Actuator {
             return Err(refusal);
         }
         let timeout = self.without_patience(&call, timeout);
-        if !partners.is_empty() {
+        let are_all_ready = ready_for == Some(Millis(Duration::ZERO));
+        if !partners.is_empty() && !are_all_ready {
             let joint = JointProgress::new(&action, partners, timeout, ready_for)?;
             self.prepare(participation, token, call, joint, ctx);
             return Ok(());
@@ -684,6 +684,9 @@ impl Actuator {
             self.announce_changed_model(ctx);
         }
         let report = self.report(outcome, &running, hidden, ctx);
+        if running.waits_for_partners() {
+            return self.conclude_unbegun(&running, &report, ctx);
+        }
         let RunningCommand { token, subscribers: askers, .. } = running;
         self.conclude(token, askers, report, ctx);
     }
@@ -820,17 +823,20 @@ impl Actuator {
     }
 
     fn cancel_command(&mut self, why: &str, ctx: &mut Context<Self>) {
-        if self.withdraw_preparation(&Refusal::new(Reason::Other, why), ctx) {
+        if self.withdraw_preparation(&Refusal::new(Reason::Conflict, why), ctx) {
             return;
         }
         let Some(running) = self.running_command.take() else { return };
-        let has_waited = self.withdraw_consent(ctx) || running.waits_for_partners();
-        let RunningCommand { token, action, subscribers: askers, call, .. } = running;
+        let report = Report::new(Outcome::Cancelled, why);
+        let report = Report { action: Some(running.action.clone()), ..report };
+        if running.waits_for_partners() {
+            return self.conclude_unbegun(&running, &report, ctx);
+        }
+        let has_waited = self.withdraw_consent(ctx);
+        let RunningCommand { token, subscribers: askers, call, .. } = running;
         if let Some(call) = call.filter(|_| !has_waited) {
             self.device.on_failure(&call, &MethodFailure::GivenUp);
         }
-        let mut report = Report::new(Outcome::Cancelled, why);
-        report.action = Some(action);
         self.conclude(token, askers, report, ctx);
     }
 

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::{
-    Act, ActionToken, CallForProposals, Inform, JointPlanPart, Method, Outcome, PartStep,
+    Act, ActionToken, CallForProposals, Choice, Inform, JointPlanPart, Method, Outcome, PartStep,
     PersonsAnswer, Refusal, ReleaseStops, Report, Request, Stop, StopEffect, value,
 };
 use acl::{
@@ -148,8 +148,9 @@ impl Agent for Client {
                     let report = message.content_as::<Report>().ok();
                     if report.is_some_and(|report| report.is_part_done) && client.completes {
                         let exchange = exchange.clone().expect("it is an answer");
-                        let told = value(&Inform::PartsDone);
-                        ctx.send_turn(&exchange, &name("robot"), Performative::Inform, told);
+                        let end = Choice { are_parts_done: true, ..Choice::new(Vec::new(), "") };
+                        let (robot, end) = (name("robot"), value(&end));
+                        ctx.send_turn(&exchange, &robot, Performative::AcceptProposal, end);
                     }
                     let has_agreed = message.performative == Performative::Agree;
                     for (after, reply) in client.replies.iter().copied().filter(|_| has_agreed) {
@@ -484,6 +485,13 @@ async fn a_joint_action_begins_when_all_are_ready() {
     assert_eq!((outcome, done), (Some(Outcome::Done), vec!["begins"]));
     assert_eq!(began.elapsed().as_secs(), 9, "it has waited, and waved");
     let (outcome, _, done) = danced(Some("yes"), &all_ready, dance(DANCE, Some(READY_FOR))).await;
+    assert_eq!((outcome, done), (Some(Outcome::Done), vec!["begins"]));
+}
+
+/// The daemon of a plugin has waited for the others itself.
+#[tokio::test(start_paused = true)]
+async fn a_joint_action_for_which_all_are_ready_begins_at_once() {
+    let (outcome, _, done) = danced(None, &[], dance(DANCE, Some(Duration::ZERO))).await;
     assert_eq!((outcome, done), (Some(Outcome::Done), vec!["begins"]));
 }
 

@@ -39,7 +39,7 @@ pub(crate) fn bytes_max(inform: &Inform) -> Option<usize> {
         Inform::Model(_) => Some(MODEL_BYTES_MAX),
         Inform::Heartbeat(_) => Some(HEARTBEAT_BYTES_MAX),
         Inform::Epoch(_) => Some(EPOCH_BYTES_MAX),
-        Inform::Answer(_) | Inform::PartsDone => None,
+        Inform::Answer(_) => None,
     }
 }
 
@@ -185,7 +185,7 @@ impl BroadcastCache {
                 self.epoch = Some(text);
                 return None;
             }
-            Inform::Answer(_) | Inform::PartsDone => return None,
+            Inform::Answer(_) => return None,
         }
         self.heard_again()
     }

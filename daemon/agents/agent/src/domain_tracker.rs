@@ -123,7 +123,7 @@ impl DomainTracker {
                 }
             }
             Inform::Epoch(change) => outcome.follow(maintainer, message, change, now),
-            Inform::Answer(_) | Inform::PartsDone => (),
+            Inform::Answer(_) => (),
         }
         for change in &outcome.changes {
             self.schedule_removals(maintainer, change, now);

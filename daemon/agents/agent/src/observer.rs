@@ -101,7 +101,7 @@ impl Observer {
                     self.fetch(&message.sender, ctx);
                 }
             }
-            Ok(Inform::Epoch(_) | Inform::Answer(_) | Inform::PartsDone) => (),
+            Ok(Inform::Epoch(_) | Inform::Answer(_)) => (),
             Err(error) => tracing::info!(from = %message.sender, %error, "it cannot be read"),
         }
     }

@@ -139,7 +139,7 @@ impl SharedDomain {
         let heartbeat = match inform {
             Inform::Heartbeat(heartbeat) => heartbeat,
             Inform::Model(announced) => &announced.heartbeat,
-            Inform::Epoch(_) | Inform::Answer(_) | Inform::PartsDone => return,
+            Inform::Epoch(_) | Inform::Answer(_) => return,
         };
         for stop in &heartbeat.stops {
             if self.stops.add(stop) {

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::content::{Act, ActionToken, CancelAction, Outcome, Refusal, Report, Request, value};
-use acl::{AgentId, Performative, Protocol, ReplyToken};
+use acl::{AgentId, Millis, Performative, Protocol, ReplyToken};
 use actuator::{MethodCall, MethodFailure};
 use agent::{Agent, Callbacks, Context, ExchangeEvent, ExchangeOpening, WorkHandle};
 use tokio::sync::{mpsc, oneshot};
@@ -113,7 +113,8 @@ impl PluginClient {
                 method,
                 arguments,
                 token,
-                ready_for: None,
+                // The proxy agent has waited for the others of a joint action.
+                ready_for: Some(Millis(Duration::ZERO)),
             }))),
         };
         let exchange =

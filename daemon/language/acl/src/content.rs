@@ -323,7 +323,8 @@ pub struct Act {
     pub token: ActionToken,
     /// How long the actuator waits for the other agents of a joint action; `None` if it acts alone.
     /// With it, `agree` says that the actuator is ready, and the action begins with
-    /// `accept-proposal`, which is sent to all of its agents when all are ready.
+    /// `accept-proposal`, which is sent to all of its agents when all are ready. With 0 all are ready:
+    /// a daemon asks a plugin in this way, for which it has waited itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ready_for: Option<Millis>,
 }
@@ -526,8 +527,19 @@ pub struct Choice {
     /// The conjuncts of the receiver's accepted proposal; empty if its proposals are rejected.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub covers: Vec<String>,
+    /// Whether all agents of a joint action have done their parts, so that the action is done. Without
+    /// it, an `accept-proposal` to such an agent says that all are ready, and that the action begins.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub are_parts_done: bool,
     /// The reason for the choice, as text for a person.
     pub detail: String,
+}
+
+impl Choice {
+    /// Creates a choice about proposals, which has the conjuncts of the accepted one.
+    pub fn new(covers: Vec<String>, detail: impl Into<String>) -> Choice {
+        Choice { covers, are_parts_done: false, detail: detail.into() }
+    }
 }
 
 /// Content of a `refuse` and of a `not-understood`.
@@ -696,8 +708,6 @@ pub enum Inform {
     Epoch(EpochChange),
     /// From a Keyboard Agent: a person's answer to a `query-ref`.
     Answer(PersonsAnswer),
-    /// From a Plan Executor: all agents of a joint action have done their parts.
-    PartsDone,
 }
 
 /// Content of a `query-ref`: a question to a person.

@@ -116,10 +116,8 @@ pub const PROTOCOLS: &[ProtocolTurn] = &[
     turn(Action, Open, Participant, Refuse, Closed),
     turn(Action, Open, Participant, NotUnderstood, Closed),
     turn(Action, Open, Initiator, Cancel, Cancelling),
-    // All agents of a joint action have agreed, and they begin.
+    // All agents of a joint action have agreed, and they begin; or all of them have done their parts.
     turn(Action, Committed, Initiator, AcceptProposal, Committed),
-    // All of them have done their parts, so that the action is done.
-    turn(Action, Committed, Initiator, Inform, Committed),
     turn(Action, Committed, Participant, Confirm, Closed),
     turn(Action, Committed, Initiator, Cancel, Cancelling),
     // The actuator may have agreed before it read the `cancel`.

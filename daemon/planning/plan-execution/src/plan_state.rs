@@ -32,6 +32,8 @@ pub enum ExecutionEvent {
     StepRefused(StepPart, Refusal),
     /// The agent of this part does not answer. The text describes the problem and names the agent.
     StepLost(StepPart, String),
+    /// The agent of this part is absent, or was restarted. The text describes the problem.
+    StepAbsent(StepPart, String),
     /// The agent of a cancelled part is absent, so its answer is not awaited.
     StepAbandoned(StepPart),
     /// A heartbeat of the agent has arrived.
@@ -149,6 +151,8 @@ struct RunningPart {
     has_begun: bool,
     /// Whether the agent has done its part of a joint action, and waits for the others.
     is_part_done: bool,
+    /// Whether the agent was told that all have done their parts.
+    is_told_done: bool,
     /// Whether the action counts as failed if the part fails or is refused.
     is_blamed: bool,
 }
@@ -199,7 +203,9 @@ impl ExecutionEvent {
             ExecutionEvent::StepRepeated(_) => ExecutionEventKind::StepRepeated,
             ExecutionEvent::StepReported(..) => ExecutionEventKind::StepReported,
             ExecutionEvent::StepRefused(..) => ExecutionEventKind::StepRefused,
-            ExecutionEvent::StepLost(..) => ExecutionEventKind::StepLost,
+            ExecutionEvent::StepLost(..) | ExecutionEvent::StepAbsent(..) => {
+                ExecutionEventKind::StepLost
+            }
             ExecutionEvent::StepAbandoned(_) => ExecutionEventKind::StepAbandoned,
             ExecutionEvent::HeartbeatReceived(_) => ExecutionEventKind::HeartbeatReceived,
             ExecutionEvent::EffectsOverdue => ExecutionEventKind::EffectsOverdue,
@@ -219,6 +225,7 @@ impl ExecutionEvent {
             | ExecutionEvent::StepReported(part, _)
             | ExecutionEvent::StepRefused(part, _)
             | ExecutionEvent::StepLost(part, _)
+            | ExecutionEvent::StepAbsent(part, _)
             | ExecutionEvent::StepAbandoned(part) => Some(*part),
             _ => None,
         }
@@ -309,6 +316,13 @@ impl PlanState {
             }
             ExecutionEvent::StepRefused(part, refusal) => self.refused(part, &refusal, out),
             ExecutionEvent::StepLost(part, problem) => self.lost(part, problem, out),
+            ExecutionEvent::StepAbsent(part, problem) => {
+                // An agent of a joint action that is absent is not to blame for it.
+                if let Some(running) = self.running_parts.get_mut(&part) {
+                    running.is_blamed &= running.agents == 1;
+                }
+                self.lost(part, problem, out);
+            }
             ExecutionEvent::StepAbandoned(part) => {
                 self.running_parts.remove(&part);
                 self.failed_steps.insert(part.step);
@@ -371,6 +385,7 @@ impl PlanState {
                     has_agreed: false,
                     has_begun: false,
                     is_part_done: false,
+                    is_told_done: false,
                     is_blamed: true,
                 };
                 self.running_parts.insert(part, running);
@@ -393,17 +408,18 @@ impl PlanState {
         if agents == 1 {
             return;
         }
-        let agreed = self.parts_of(part.step).filter(|(_, running)| running.has_agreed);
-        let (all, begun) = agreed.fold((0, 0), |(all, begun), (_, running)| {
-            (all + 1, begun + usize::from(running.has_begun))
-        });
-        let is_half_done = self.half_done_steps.contains(&part.step);
-        if all + usize::from(is_half_done) < agents || begun == all {
+        let are = |is: fn(&RunningPart) -> bool| {
+            self.parts_of(part.step).filter(|(_, running)| is(running)).count()
+        };
+        let (all, agreed) = (self.parts_of(part.step).count(), are(|it| it.has_agreed));
+        let begun = are(|it| it.has_begun);
+        if agreed < all || begun == all {
             return;
         }
-        if begun > 0 || is_half_done {
+        if begun > 0 || all < agents {
             let problem = "some of its agents have begun without the others";
             let step = self.execution.step_text(part.step);
+            self.blameless_step = Some(part.step);
             return self.give_up(failure(format!("{step}: {problem}")), out);
         }
         let parts = self.running_parts.iter_mut().filter(|(other, _)| other.step == part.step);
@@ -421,6 +437,7 @@ impl PlanState {
         if running.agents > 1 && std::mem::take(&mut running.has_begun) {
             // Its answer says whether it has done its part.
             let (step, agent) = (self.execution.step_text(part.step), running.agent.clone());
+            self.blameless_step = Some(part.step);
             self.give_up(failure(format!("{step}: `{agent}` was restarted")), out);
         }
     }
@@ -469,11 +486,21 @@ impl PlanState {
     fn part_waits(&mut self, part: StepPart, out: &mut Vec<ExecutionCommand>) {
         let Some(running) = self.running_parts.get_mut(&part) else { return };
         running.is_part_done = true;
-        let agents = running.agents;
-        let done = self.parts_of(part.step).filter(|(_, running)| running.is_part_done);
-        let done: Vec<StepPart> = done.map(|(part, _)| *part).collect();
-        if done.len() == agents && self.final_report.is_none() {
-            out.extend(done.into_iter().map(ExecutionCommand::CompleteStep));
+        self.complete(part.step, out);
+    }
+
+    /// Tells the agents of a joint action that it is done, if all of them have done their parts. An agent
+    /// that has reported its end was told so, by this Plan Executor or by an earlier one.
+    fn complete(&mut self, step: usize, out: &mut Vec<ExecutionCommand>) {
+        let are_done = self.parts_of(step).all(|(_, running)| running.is_part_done);
+        if !are_done || self.failed_steps.contains(&step) || self.final_report.is_some() {
+            return;
+        }
+        let parts = self.running_parts.iter_mut().filter(|(part, _)| part.step == step);
+        for (part, running) in parts {
+            if !std::mem::replace(&mut running.is_told_done, true) {
+                out.push(ExecutionCommand::CompleteStep(*part));
+            }
         }
     }
 
@@ -491,6 +518,7 @@ impl PlanState {
         let is_half_done = self.parts_of(step).next().is_some();
         if is_half_done {
             self.half_done_steps.insert(step);
+            self.complete(step, out);
         }
         if is_half_done || self.failed_steps.contains(&step) {
             return self.end_if_idle(out);
@@ -527,15 +555,10 @@ impl PlanState {
         (why, detail): (Reason, &str),
         out: &mut Vec<ExecutionCommand>,
     ) {
-        let change = self.execution.uncertain(part.step);
         if let Some(running) = self.running_parts.get_mut(&part) {
             running.is_blamed = why != Reason::Uncertain;
         }
-        if !change.believe.is_empty() && self.uncertain_steps.insert(part.step) {
-            for (agent, change) in by_agent(change, &self.execution.actors(part.step)) {
-                self.send_change(change, &agent, out);
-            }
-        }
+        self.send_uncertain(part.step, out);
         let report = failure(format!("`{agent}`: {detail}"));
         self.fail(part, Report { declined: Some(why), ..report }, out);
     }
@@ -560,6 +583,16 @@ impl PlanState {
         self.fail(part, failure(problem), out);
     }
 
+    /// Tells that what a step would have changed is unknown, once.
+    fn send_uncertain(&mut self, step: usize, out: &mut Vec<ExecutionCommand>) {
+        let change = self.execution.uncertain(step);
+        if !change.believe.is_empty() && self.uncertain_steps.insert(step) {
+            for (agent, change) in by_agent(change, &self.execution.actors(step)) {
+                self.send_change(change, &agent, out);
+            }
+        }
+    }
+
     fn send_change(
         &mut self,
         change: ChangeState,
@@ -578,6 +611,12 @@ impl PlanState {
     fn fail(&mut self, part: StepPart, mut report: Report, out: &mut Vec<ExecutionCommand>) {
         report.detail = format!("{}: {}", self.execution.step_text(part.step), report.detail);
         if let Some(running) = self.running_parts.remove(&part) {
+            let is_partly_done = running.is_part_done
+                || self.half_done_steps.contains(&part.step)
+                || self.parts_of(part.step).any(|(_, running)| running.is_part_done);
+            if is_partly_done {
+                self.send_uncertain(part.step, out);
+            }
             self.failed_steps.insert(part.step);
             out.push(ExecutionCommand::CloseStep(part));
             let is_joint = running.agents > 1;
@@ -695,7 +734,10 @@ impl PlanState {
     ) {
         // If a step was confirmed after the query was sent, the answer is older than the state
         // known here.
-        let is_stale = self.unanswered_changes > 0;
+        // So it is while some agents of a joint action have done their parts: what they report of
+        // themselves is ahead of the step.
+        let is_partly_done = self.running_parts.values().any(|running| running.is_part_done);
+        let is_stale = self.unanswered_changes > 0 || is_partly_done;
         let renewed =
             if is_stale { Ok(()) } else { self.execution.revalidate(snapshot, knowledge) };
         match renewed {

@@ -257,3 +257,52 @@ fn the_agent_that_fails_is_blamed_although_its_partner_reports_first() {
     assert_eq!(ended.agent.as_ref().map(AgentId::as_str), Some("r2"), "{ended:?}");
     assert!(ended.action.is_some() && ended.detail.contains("it is broken"), "{ended:?}");
 }
+
+/// A Plan Executor that takes a plan over when one agent was told that all parts are done.
+#[test]
+fn an_agent_that_waits_for_the_end_is_told_after_a_take_over() {
+    let part_done = Report { is_part_done: true, ..report(Outcome::Progress) };
+    let (done, waits) = (
+        ExecutionEvent::StepReported(R1, report(Outcome::Done)),
+        ExecutionEvent::StepReported(R2, part_done),
+    );
+    for events in [[done.clone(), waits.clone()], [waits, done]] {
+        let (mut state, _) = running();
+        tell(&mut state, has_begun(R1));
+        tell(&mut state, has_begun(R2));
+        let commands: Vec<_> =
+            events.into_iter().flat_map(|event| tell(&mut state, event)).collect();
+        let completed =
+            commands.iter().filter(|it| matches!(it, ExecutionCommand::CompleteStep(R2)));
+        assert_eq!(completed.count(), 1, "{commands:?}");
+        let commands = tell(&mut state, ExecutionEvent::StepReported(R2, report(Outcome::Done)));
+        assert_eq!(end(&commands).0.map(|report| report.outcome), Some(Outcome::Done));
+    }
+}
+
+/// One agent has done its part, so what the step changes is unknown when the other one fails.
+#[test]
+fn a_step_that_fails_after_a_part_is_done_leaves_its_facts_unknown() {
+    let (mut state, _) = running();
+    tell(&mut state, agreed(R1));
+    tell(&mut state, agreed(R2));
+    let part_done = Report { is_part_done: true, ..report(Outcome::Progress) };
+    tell(&mut state, ExecutionEvent::StepReported(R1, part_done));
+    let commands = tell(&mut state, ExecutionEvent::StepReported(R2, report(Outcome::Failed)));
+    let unknown = commands.iter().any(|command| {
+        matches!(command, ExecutionCommand::SendChange(change)
+            if change.believe.contains("(unknown (table-at lab))"))
+    });
+    assert!(unknown, "{commands:?}");
+}
+
+#[test]
+fn an_agent_that_is_absent_is_not_to_blame() {
+    let (mut state, _) = running();
+    tell(&mut state, agreed(R1));
+    tell(&mut state, agreed(R2));
+    tell(&mut state, ExecutionEvent::StepAbsent(R2, "`r2` has left".to_owned()));
+    let commands = tell(&mut state, ExecutionEvent::StepReported(R1, report(Outcome::Cancelled)));
+    let ended = end(&commands).0.expect("it ends");
+    assert_eq!((&ended.action, &ended.agent), (&None, &None), "{ended:?}");
+}

@@ -51,7 +51,6 @@ fn said(message: &Message) -> String {
                 format!("epoch {}, revision {}", change.epoch, change.revision)
             }
             Ok(Inform::Answer(_)) => "an answer".to_owned(),
-            Ok(Inform::PartsDone) => "all parts are done".to_owned(),
             Err(_) => String::new(),
         },
         // Only questions have such a text; that of an answer may be a secret.

@@ -127,7 +127,7 @@ impl JointRequester {
                         // requester calls it for the next one.
                         ctx.close(&token);
                     } else {
-                        let rejected = Choice { covers: Vec::new(), detail: detail.clone() };
+                        let rejected = Choice::new(Vec::new(), detail.clone());
                         let reject = Performative::RejectProposal;
                         ctx.send_turn(&token, &member, reject, value(&rejected));
                     }
@@ -407,7 +407,7 @@ impl JointRequester {
         let (plan, tokens) = (pending.plan.clone(), std::mem::take(&mut pending.tokens));
         let detail = "all members agree".to_owned();
         for (member, token) in tokens {
-            let accepted = Choice { covers: Vec::new(), detail: detail.clone() };
+            let accepted = Choice::new(Vec::new(), detail.clone());
             ctx.send_turn(&token, &member, Performative::AcceptProposal, value(&accepted));
         }
         self.end(Ok(plan), ctx);

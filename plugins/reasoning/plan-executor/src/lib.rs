@@ -22,8 +22,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::content::{
-    Act, ActionToken, Agreement, Choice, Execute, Inform, Outcome, Reason, Refusal, Report,
-    Request, value,
+    Act, ActionToken, Agreement, Choice, Execute, Outcome, Reason, Refusal, Report, Request, value,
 };
 use acl::{AgentId, Incarnation, Message, Millis, Performative, Protocol, ReplyToken};
 use agent::{
@@ -32,7 +31,8 @@ use agent::{
     WorkHandle,
 };
 use plan_execution::{
-    ActionRequest, ExecutionCommand, ExecutionEvent, LastHeartbeats, PlanState, StepPart,
+    ActionRequest, ExecutionCommand, ExecutionEvent, ExecutionPhase, LastHeartbeats, PlanState,
+    StepPart,
 };
 use serde::Deserialize;
 
@@ -264,8 +264,8 @@ impl PlanExecutor {
         }
         match begun.iter().find(|part| !self.is_here(token, part, ctx)) {
             Some(part) => {
-                let problem = "an agent of it has left".to_owned();
-                self.handle(token, ExecutionEvent::StepLost(*part, problem), ctx);
+                let problem = "one of its agents has left".to_owned();
+                self.handle(token, ExecutionEvent::StepAbsent(*part, problem), ctx);
             }
             None => begun.into_iter().for_each(|part| self.begin_step(token, part, ctx)),
         }
@@ -320,8 +320,10 @@ impl PlanExecutor {
     fn complete_step(&mut self, token: &ReplyToken, part: StepPart, ctx: &mut Context<Self>) {
         let Some(running) = self.running_plans.get(token) else { return };
         if let Some(done) = running.step_exchanges.get(&part) {
-            let told = value(&Inform::PartsDone);
-            ctx.send_turn(&done.exchange, &done.agent, Performative::Inform, told);
+            let detail = "all of its agents have done their parts";
+            let choice = Choice { are_parts_done: true, ..Choice::new(Vec::new(), detail) };
+            let (exchange, agent) = (&done.exchange, &done.agent);
+            ctx.send_turn(exchange, agent, Performative::AcceptProposal, value(&choice));
             ctx.extend(&done.exchange, ctx.settings().answer_deadline * 2);
         }
     }
@@ -340,8 +342,7 @@ impl PlanExecutor {
     fn begin_step(&mut self, token: &ReplyToken, part: StepPart, ctx: &mut Context<Self>) {
         let Some(running) = self.running_plans.get(token) else { return };
         if let Some(begun) = running.step_exchanges.get(&part) {
-            let choice =
-                Choice { covers: Vec::new(), detail: "all of its agents are ready".into() };
+            let choice = Choice::new(Vec::new(), "all of its agents are ready");
             let (exchange, agent) = (&begun.exchange, &begun.agent);
             ctx.send_turn(exchange, agent, Performative::AcceptProposal, value(&choice));
             ctx.extend(&begun.exchange, begun.timeout + ctx.settings().answer_deadline);
@@ -356,27 +357,35 @@ impl PlanExecutor {
         ctx: &mut Context<Self>,
     ) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
-        let Some(asked) = running.step_exchanges.get(&part) else { return };
+        // What a plan that is given up still waits for has a time limit already.
+        let is_active = running.state.phase() != ExecutionPhase::GivingUp;
+        let Some(asked) = running.step_exchanges.get_mut(&part) else { return };
+        if let ExchangeEvent::Message(message) = &answer {
+            // The agent was absent when it was asked.
+            asked.agent_incarnation.get_or_insert(message.incarnation);
+        }
         let StepExchange { exchange, agent, timeout, ready_for, .. } = asked;
         let event = match answer {
             ExchangeEvent::TimedOut => {
                 ExecutionEvent::StepLost(part, format!("`{agent}` did not answer in time"))
             }
             ExchangeEvent::Undelivered(why) => {
-                ExecutionEvent::StepLost(part, format!("`{agent}` could not be reached: {why}"))
+                ExecutionEvent::StepAbsent(part, format!("`{agent}` could not be reached: {why}"))
             }
             ExchangeEvent::Message(message) => match message.performative {
                 Performative::Agree => {
                     // The agent has agreed; from now on the time limit is that of its method.
                     let margin = ctx.settings().answer_deadline;
-                    ctx.extend(exchange, *ready_for + *timeout + margin * 2);
+                    if is_active {
+                        ctx.extend(exchange, *ready_for + *timeout + margin * 2);
+                    }
                     let agreement = message.content_as::<Agreement>();
                     let has_begun = agreement.is_ok_and(|agreement| agreement.has_begun);
                     ExecutionEvent::StepAgreed { part, has_begun }
                 }
                 Performative::Confirm => match message.content_as::<Report>() {
                     Ok(report) => {
-                        if report.is_part_done {
+                        if report.is_part_done && is_active {
                             let margin = ctx.settings().answer_deadline;
                             ctx.extend(exchange, *ready_for + margin * 2);
                         }
@@ -477,7 +486,7 @@ fn outcome_of(event: &ExecutionEvent) -> Option<StepOutcome> {
     match event {
         ExecutionEvent::StepReported(_, report) => StepOutcome::of(report.outcome),
         ExecutionEvent::StepRefused(..) => Some(StepOutcome::Refused),
-        ExecutionEvent::StepLost(..) => Some(StepOutcome::Lost),
+        ExecutionEvent::StepLost(..) | ExecutionEvent::StepAbsent(..) => Some(StepOutcome::Lost),
         _ => None,
     }
 }

@@ -399,7 +399,7 @@ fn reject_late(message: &Message, ctx: &mut Context<PlanRequester>) {
         return;
     };
     let detail = "the joint plan was given up meanwhile".to_owned();
-    let choice = value(&Choice { covers: Vec::new(), detail });
+    let choice = value(&Choice::new(Vec::new(), detail));
     ctx.send_turn(token, &message.sender, Performative::RejectProposal, choice);
     ctx.close(token);
 }

@@ -110,13 +110,13 @@ impl PendingAgreements {
         ctx: &mut Context<PlanRequester>,
     ) -> JointPlan {
         let detail = "every agent of the joint plan agrees to its part".to_owned();
-        let choice = value(&Choice { covers: conjuncts, detail });
+        let choice = value(&Choice::new(conjuncts, detail));
         self.settle(Performative::AcceptProposal, &choice, ctx)
     }
 
     /// Rejects all agreements that were given, and returns the joint plan.
     pub(crate) fn reject(self, why: &str, ctx: &mut Context<PlanRequester>) -> JointPlan {
-        let choice = value(&Choice { covers: Vec::new(), detail: why.to_owned() });
+        let choice = value(&Choice::new(Vec::new(), why.to_owned()));
         self.settle(Performative::RejectProposal, &choice, ctx)
     }
 

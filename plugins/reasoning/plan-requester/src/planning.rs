@@ -103,7 +103,7 @@ impl PlanRequester {
             Ok(_) => (Performative::RejectProposal, "other goals come first".to_owned()),
             Err(detail) => (Performative::RejectProposal, detail.clone()),
         };
-        let choice = value(&Choice { covers: Vec::new(), detail });
+        let choice = value(&Choice::new(Vec::new(), detail));
         ctx.send_turn(&token, &sender, performative, choice);
         ctx.close(&token);
         match judged {

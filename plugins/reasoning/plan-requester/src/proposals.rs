@@ -108,7 +108,7 @@ impl ContractNetState {
             });
             if is_chosen {
                 let detail = "this proposal is in the cheapest set of proposals".to_owned();
-                let choice = value(&Choice { covers: covers.clone(), detail });
+                let choice = value(&Choice::new(covers.clone(), detail));
                 ctx.send_turn(token, agent, Performative::AcceptProposal, choice);
                 judged.insert((agent.clone(), token.clone()));
             }
@@ -120,7 +120,7 @@ impl ContractNetState {
             }
         }
         for (token, agents) in rejected {
-            let choice = value(&Choice { covers: Vec::new(), detail: why.to_owned() });
+            let choice = value(&Choice::new(Vec::new(), why.to_owned()));
             match agents.as_slice() {
                 [agent] => ctx.send_turn(token, agent, Performative::RejectProposal, choice),
                 // A rejection is the same for all receivers, so that one multicast is enough.

@@ -91,6 +91,8 @@ struct Table {
     /// The partner of each carrier that holds the table.
     held: BTreeMap<&'static str, String>,
     moves: u32,
+    /// Whether a carrier was told that all parts are done.
+    is_told: bool,
     /// When a carrier began to hold the table alone, or was left alone.
     alone_since: Option<Instant>,
     /// The longest time for which one carrier held the table alone.
@@ -155,8 +157,7 @@ impl Device for Carrier {
     }
 
     fn facts(&self) -> Vec<OwnFact> {
-        let has_moved = self.table.borrow().moves > 0;
-        facts_of(if has_moved { "(moved desk)" } else { "" })
+        facts_of(if self.table.borrow().is_told { "(moved desk)" } else { "" })
     }
 
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<(), MethodFailure>> {
@@ -200,6 +201,7 @@ impl Device for Carrier {
     }
 
     fn on_success(&mut self, _call: &MethodCall, (): ()) -> MethodResult {
+        self.table.send_modify(|table| table.is_told = true);
         MethodResult::default()
     }
 }

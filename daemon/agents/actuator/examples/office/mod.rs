@@ -141,7 +141,7 @@ impl Visitor {
         println!("{} proposes, at cost {}\n{}", message.sender, proposal.cost, proposal.plan);
         if let Some(exchange) = message.exchange() {
             let detail = "it is the first bid".to_owned();
-            let choice = value(&Choice { covers: proposal.covers, detail });
+            let choice = value(&Choice::new(proposal.covers, detail));
             ctx.send_turn(exchange, &message.sender, Performative::AcceptProposal, choice);
         }
         let action = proposal.plan.lines().next().unwrap_or_default().to_owned();

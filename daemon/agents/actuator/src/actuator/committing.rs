@@ -1,7 +1,7 @@
 //! How an actuator keeps its commitment to a joint plan: what it refuses meanwhile, and what ends the
 //! commitment.
 
-use acl::content::{ActionToken, Bid, CallForProposals, Refusal, Report};
+use acl::content::{ActionToken, Bid, CallForProposals, Choice, Refusal, Report};
 use acl::{ConversationId, Message, Performative};
 use agent::{Context, Participation};
 use tokio::time::Instant;
@@ -57,10 +57,13 @@ impl Actuator {
     }
 
     pub(super) fn judged(&mut self, message: Message, _ctx: &mut Context<Self>) {
-        if message.performative == Performative::AcceptProposal
-            && message.exchange().is_some_and(|exchange| self.all_are_ready(exchange))
-        {
-            return;
+        if message.performative == Performative::AcceptProposal {
+            let choice = message.content_as::<Choice>();
+            let are_parts_done = choice.is_ok_and(|choice| choice.are_parts_done);
+            let exchange = message.exchange();
+            if exchange.is_some_and(|exchange| self.all_are_so_far(exchange, are_parts_done)) {
+                return;
+            }
         }
         tracing::debug!(conversation = %message.conversation_id, verdict = %message.performative,
             "the proposal was accepted or rejected");

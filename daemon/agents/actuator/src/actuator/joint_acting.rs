@@ -10,8 +10,8 @@
 
 use std::time::Duration;
 
-use acl::content::{ActionToken, Agreement, Inform, Outcome, Reason, Refusal, Report};
-use acl::{AgentId, Message, Millis, Performative, ReplyToken};
+use acl::content::{ActionToken, Agreement, Outcome, Reason, Refusal, Report};
+use acl::{AgentId, Millis, Performative, ReplyToken};
 use agent::{Context, Participation, Presence};
 use tokio::sync::oneshot;
 
@@ -159,19 +159,21 @@ impl Actuator {
         }
     }
 
-    /// Takes the word of a requester that all agents of the joint action are ready. Returns `false` if
-    /// the exchange is about something else.
-    pub(super) fn all_are_ready(&mut self, exchange: &ReplyToken) -> bool {
+    /// Takes the word of a requester that all agents of the joint action are ready, or have done their
+    /// parts. Returns `false` if the exchange is about something else.
+    pub(super) fn all_are_so_far(&mut self, exchange: &ReplyToken, are_parts_done: bool) -> bool {
         let Some(running) = &mut self.running_command else { return false };
         if !running.subscribers.iter().any(|asker| asker.exchange == *exchange) {
             return false;
         }
-        if let Some(joint) = &mut running.joint
-            && let JointActionPhase::Ready(begin) = &mut joint.phase
-            && let Some(begin) = begin.take()
-        {
+        let wait = match running.joint.as_mut().map(|joint| &mut joint.phase) {
+            Some(JointActionPhase::Ready(begin)) if !are_parts_done => begin.take(),
+            Some(JointActionPhase::Done(_, end)) if are_parts_done => end.take(),
+            _ => None,
+        };
+        if let Some(wait) = wait {
             // Without its receiver the wait is over, and the action ends.
-            let _ = begin.send(());
+            let _ = wait.send(());
         }
         true
     }
@@ -227,27 +229,25 @@ impl Actuator {
         }
     }
 
-    /// Takes the word of a requester that all agents have done their parts.
-    pub(super) fn informed(&mut self, message: Message, _ctx: &mut Context<Self>) {
-        let is_asker = |asker: &Participation| message.exchange() == Some(&asker.exchange);
-        let Ok(Inform::PartsDone) = message.content_as::<Inform>() else { return };
-        let Some(running) = &mut self.running_command else { return };
-        if let Some(joint) = &mut running.joint
-            && running.subscribers.iter().any(is_asker)
-            && let JointActionPhase::Done(_, complete) = &mut joint.phase
-            && let Some(complete) = complete.take()
-        {
-            // Without its receiver the wait is over, and the action ends.
-            let _ = complete.send(());
-        }
-    }
-
     fn all_are_done(&mut self, ctx: &mut Context<Self>) {
         let joint = self.running_command.as_mut().and_then(|running| running.joint.as_mut());
         let Some(joint) = joint else { return };
         let phase = std::mem::replace(&mut joint.phase, JointActionPhase::Completed);
         if let JointActionPhase::Done(yielded, _) = phase {
             self.command_ended(Ok(yielded), ctx);
+        }
+    }
+
+    /// Reports the end of a joint action that has not begun: its token stays unused.
+    pub(super) fn conclude_unbegun(
+        &mut self,
+        running: &RunningCommand,
+        report: &Report,
+        ctx: &mut Context<Self>,
+    ) {
+        self.commitment_step_ended(&running.token, report);
+        for asker in &running.subscribers {
+            ctx.answer(asker, Performative::Confirm, report);
         }
     }
 
@@ -298,10 +298,14 @@ impl Actuator {
             return;
         }
         let (token, partner) = (running.token.clone(), resident.agent.clone());
-        let incarnation = resident.incarnation;
+        let (incarnation, was_told) = (resident.incarnation, joint.was_told());
         ctx.after(ctx.settings().grace, move |actuator: &mut Self, ctx| {
             let is_it = |running: &RunningCommand| running.token == token;
-            let is_back = ctx.directory().find_incarnation(&partner, incarnation).is_some();
+            // One that is restarted before the action begins is asked again; later it knows nothing of it.
+            let is_back = match was_told {
+                true => ctx.directory().find_incarnation(&partner, incarnation).is_some(),
+                false => ctx.find(&partner).is_some(),
+            };
             if !is_back && actuator.running_command.as_ref().is_some_and(is_it) {
                 let why = format!("go on: its partner `{partner}` has left");
                 let refusal = Refusal::new(Reason::Conflict, format!("failed to {why}"));

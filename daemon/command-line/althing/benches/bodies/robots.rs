@@ -122,7 +122,7 @@ fn says(message: &Message, is_localized: bool) -> Option<()> {
     let heartbeat = match message.content_as::<Inform>().ok().filter(|_| is_its)? {
         Inform::Heartbeat(heartbeat) => heartbeat,
         Inform::Model(announced) => announced.heartbeat,
-        Inform::Epoch(_) | Inform::Answer(_) | Inform::PartsDone => return None,
+        Inform::Epoch(_) | Inform::Answer(_) => return None,
     };
     heartbeat.facts.contains(&fact).then_some(())
 }

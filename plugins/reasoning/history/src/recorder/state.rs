@@ -62,7 +62,7 @@ impl EventRecorder {
                 self.take_heartbeat(&message, &heartbeat, false, at_ms);
             }
             Ok(Inform::Epoch(change)) => self.take_epoch(&message, &change, at_ms),
-            Ok(Inform::Answer(_) | Inform::PartsDone) | Err(_) => (),
+            Ok(Inform::Answer(_)) | Err(_) => (),
         }
     }
 

@@ -182,7 +182,7 @@ impl Scene {
             answer(call),
             &bid,
         );
-        let choice = Choice { covers: conjuncts, detail: "the cheapest".to_owned() };
+        let choice = Choice::new(conjuncts, "the cheapest".to_owned());
         self.say(
             (Protocol::ContractNet, Performative::AcceptProposal),
             ("requester", robot),
@@ -284,7 +284,7 @@ fn a_step_leads_to_the_proposal_that_it_comes_from() {
     }
     // The last award is that of the robot.
     for (bidder, covered, _) in offers.iter().rev() {
-        let choice = Choice { covers: vec![(*covered).to_owned()], detail: "cheap".to_owned() };
+        let choice = Choice::new(vec![(*covered).to_owned()], "cheap".to_owned());
         let performative = (Protocol::ContractNet, Performative::AcceptProposal);
         scene.say(performative, ("requester", bidder), answer, &choice);
     }
