@@ -478,7 +478,7 @@ pub struct Proposal {
 pub struct Agreement {
     /// Identifier of the commitment to act that the actuator has accepted.
     pub token: ActionToken,
-    /// Whether the actuator has begun its part of a joint action, for another requester.
+    /// Whether the actuator has begun the action before, or its part of a joint action.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub has_begun: bool,
 }
@@ -621,8 +621,8 @@ pub struct Report {
     /// if the report is about something else.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub action: Option<String>,
-    /// The agent of a joint action that failed; `None` in any other report: then it is the first
-    /// argument of the action.
+    /// The agent that failed to carry out `action`; `None` if it is the first argument of the action, or
+    /// if no agent failed by itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub agent: Option<AgentId>,
     /// Whether the agent has done its part of a joint action, and waits for the others. Only with the

@@ -536,6 +536,9 @@ impl PlanState {
                 for (agent, change) in by_agent(change, &agents) {
                     self.send_change(change, &agent, out);
                 }
+                if agents.len() > 1 && self.final_report.is_none() {
+                    self.schedule_check(CheckDelay::Settle, out);
+                }
             }
             Err(problem) => return self.give_up(failure(problem), out),
         }
@@ -677,7 +680,8 @@ impl PlanState {
             None => self.go_on(out),
             Some(fact) => {
                 let problem = format!("`{action}`: `{agent}` confirmed it, yet says `{fact}`");
-                self.give_up(Report { action: Some(action), ..failure(problem) }, out);
+                let agent = Some(agent.clone());
+                self.give_up(Report { action: Some(action), agent, ..failure(problem) }, out);
             }
         }
     }
@@ -734,10 +738,12 @@ impl PlanState {
     ) {
         // If a step was confirmed after the query was sent, the answer is older than the state
         // known here.
-        // So it is while some agents of a joint action have done their parts: what they report of
-        // themselves is ahead of the step.
-        let is_partly_done = self.running_parts.values().any(|running| running.is_part_done);
-        let is_stale = self.unanswered_changes > 0 || is_partly_done;
+        // While some agents of a joint action have done their parts, what they report of themselves is
+        // ahead of the step. The plan is checked when the step has ended.
+        if self.running_parts.values().any(|running| running.is_part_done) {
+            return;
+        }
+        let is_stale = self.unanswered_changes > 0;
         let renewed =
             if is_stale { Ok(()) } else { self.execution.revalidate(snapshot, knowledge) };
         match renewed {

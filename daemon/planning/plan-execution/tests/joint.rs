@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::content::{Execute, Method, Offer, Outcome, Reason, Refusal, Report};
-use acl::{AgentId, Millis};
+use acl::content::{Execute, Heartbeat, Method, Offer, Outcome, Reason, Refusal, Report};
+use acl::{AgentId, Incarnation, Millis};
 use pddl::knowledge::Knowledge;
 use plan_execution::{
     ExecutionCommand, ExecutionEvent, ExecutionPhase, LastHeartbeats, PlanState, StepPart,
@@ -305,4 +305,34 @@ fn an_agent_that_is_absent_is_not_to_blame() {
     let commands = tell(&mut state, ExecutionEvent::StepReported(R1, report(Outcome::Cancelled)));
     let ended = end(&commands).0.expect("it ends");
     assert_eq!((&ended.action, &ended.agent), (&None, &None), "{ended:?}");
+}
+
+/// A heartbeat of one agent contradicts what both have confirmed: that agent is to blame.
+#[test]
+fn the_agent_that_a_heartbeat_contradicts_is_blamed() {
+    let (mut state, _) = running();
+    let mut heartbeats = LastHeartbeats::default();
+    let r2 = AgentId::new("r2").expect("a name");
+    let beat = |sequence, heartbeats: &mut LastHeartbeats| {
+        let heartbeat = Heartbeat {
+            digest: String::new(),
+            sequence,
+            facts: "(at r2 hall)".to_owned(),
+            known_for: BTreeMap::new(),
+            period: Millis(Duration::from_secs(1)),
+            stops: Vec::new(),
+        };
+        heartbeats.store_heartbeat(&r2, Incarnation(1), &heartbeat);
+    };
+    beat(1, &mut heartbeats);
+    tell(&mut state, agreed(R1));
+    tell(&mut state, agreed(R2));
+    state.handle(ExecutionEvent::StepReported(R1, report(Outcome::Done)), &heartbeats);
+    state.handle(ExecutionEvent::StepReported(R2, report(Outcome::Done)), &heartbeats);
+    assert_eq!(state.phase(), ExecutionPhase::AwaitingEffects);
+    beat(2, &mut heartbeats);
+    let event = ExecutionEvent::HeartbeatReceived(r2.clone());
+    let commands = state.handle(event, &heartbeats);
+    let ended = end(&commands).0.expect("it ends");
+    assert_eq!((ended.outcome, &ended.agent), (Outcome::Failed, &Some(r2)), "{ended:?}");
 }

@@ -376,8 +376,13 @@ impl PlanExecutor {
                 Performative::Agree => {
                     // The agent has agreed; from now on the time limit is that of its method.
                     let margin = ctx.settings().answer_deadline;
+                    // In a joint action it waits for the others first, and each wait has its margin.
+                    let wait = match ready_for.is_zero() {
+                        true => Duration::ZERO,
+                        false => *ready_for + margin,
+                    };
                     if is_active {
-                        ctx.extend(exchange, *ready_for + *timeout + margin * 2);
+                        ctx.extend(exchange, wait + *timeout + margin);
                     }
                     let agreement = message.content_as::<Agreement>();
                     let has_begun = agreement.is_ok_and(|agreement| agreement.has_begun);

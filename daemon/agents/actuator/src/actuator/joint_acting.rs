@@ -83,12 +83,9 @@ impl JointProgress {
 // === impl RunningCommand ===
 
 impl RunningCommand {
-    /// Whether the device has nothing to do with the action yet.
+    /// Whether the action waits for its agents, and nothing of it has begun.
     pub(super) fn waits_for_partners(&self) -> bool {
-        let waits = |joint: &JointProgress| {
-            matches!(joint.phase, JointActionPhase::Preparing | JointActionPhase::Ready(_))
-        };
-        self.joint.as_ref().is_some_and(waits)
+        self.joint.as_ref().is_some_and(|joint| !joint.was_told())
     }
 
     /// Returns the report that the device has done its part.
