@@ -105,7 +105,7 @@ impl Truth {
     /// arrived, because the other robot hangs.
     fn arrive(&mut self, robot: &str, table: &str) -> Result<bool, DeviceError> {
         let Some(lifted) = self.lifted_tables.get(table).cloned() else {
-            return Err(self.let_go_by_other(robot, table));
+            return Err(released_by_other(robot, table));
         };
         if lifted.has_arrived {
             return Ok(true);
@@ -116,7 +116,7 @@ impl Truth {
         for by in &lifted.robots {
             self.require_unbroken(by).map_err(|error| match by == robot {
                 true => error,
-                false => self.let_go_by_other(robot, table),
+                false => released_by_other(robot, table),
             })?;
         }
         let from = self.table(table).unwrap_or_default().to_owned();
@@ -132,7 +132,7 @@ impl Truth {
         Ok(true)
     }
 
-    /// Ends what a robot has to do with a table. If it has not arrived, nobody carries it any more.
+    /// Lets a robot release a table. Both robots release a table that has not arrived.
     fn let_go(&mut self, robot: &str, table: &str, errand: u64) {
         self.end_errand(robot, errand);
         let Some(lifted) = self.lifted_tables.get_mut(table) else { return };
@@ -144,10 +144,10 @@ impl Truth {
             self.lifted_tables.remove(table);
         }
     }
+}
 
-    fn let_go_by_other(&self, robot: &str, table: &str) -> DeviceError {
-        DeviceError::LetGo { device: robot.to_owned(), table: table.to_owned() }
-    }
+fn released_by_other(robot: &str, table: &str) -> DeviceError {
+    DeviceError::LetGo { device: robot.to_owned(), table: table.to_owned() }
 }
 
 // === impl Building ===
@@ -167,8 +167,8 @@ impl Drop for Grasp<'_> {
 }
 
 impl Building {
-    /// Lets a robot carry a table to a neighbor of its location, together with the robot `other`, whose
-    /// driver has to ask for the same. Dropping the future lets go of the table.
+    /// Lets `robot` carry a table with the robot `other` to a neighbor of their location. The drivers of
+    /// both robots must ask for it. Dropping the future releases the table.
     ///
     /// # Errors
     ///
@@ -214,7 +214,7 @@ impl Building {
             biased;
             arrived = arriving => arrived,
             () = let_go => {
-                Err(DeviceError::LetGo { device: robot.to_owned(), table: table.to_owned() })
+                Err(released_by_other(robot, table))
             }
         }
     }

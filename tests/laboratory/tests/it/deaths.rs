@@ -14,12 +14,12 @@ use actuator::{
 };
 use agent::{Mode, ModelPrivacy};
 use substrate::Destination;
-use substrate::faulty::{LinkConditions, Network};
+use substrate::faulty::Network;
 use tokio::sync::mpsc;
 use tokio::time::{Instant, timeout};
 
 use crate::house::sayer::Sayer;
-use crate::house::{House, launch, name};
+use crate::house::{House, launch, lossy, name};
 
 const DOMAIN: &str = "(define (domain d) (:requirements :strips :typing :action-costs)
     (:types agent door - object)
@@ -247,12 +247,7 @@ async fn play(seed: u64, draw: Draw) -> Played {
         machines.push(machine);
     }
     tokio::time::sleep(SETTLING).await;
-    network.set_conditions(LinkConditions {
-        loss: draw.loss,
-        doubled: draw.loss / 4.0,
-        overtaken: draw.loss / 4.0,
-        ..LinkConditions::good()
-    });
+    network.set_conditions(lossy(draw.loss));
     let seen = Arc::new(Mutex::new(Seen::default()));
     let (sender, mut moments) = mpsc::unbounded_channel();
     let dead = name(draw.victim);

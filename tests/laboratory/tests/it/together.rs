@@ -3,8 +3,9 @@
 //!
 //! The table itself ends nothing: a carrier that is left alone holds on until it is told to stop.
 
+use std::cell::Cell;
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::{Keep, Method, Outcome, Report};
@@ -14,12 +15,12 @@ use actuator::{
     model_of,
 };
 use agent::{AgentSettings, Mode};
-use substrate::faulty::{LinkConditions, Network};
+use substrate::faulty::Network;
 use tokio::sync::{mpsc, watch};
 use tokio::time::{Instant, timeout};
 
 use crate::house::sayer::Sayer;
-use crate::house::{House, launch};
+use crate::house::{House, launch, lossy};
 
 const DOMAIN: &str = "(define (domain d) (:requirements :strips :typing :action-costs)
     (:types agent table - object)
@@ -272,12 +273,7 @@ async fn play(seed: u64, draw: Draw) -> Played {
         machines.push(machine);
     }
     tokio::time::sleep(SETTLING).await;
-    network.set_conditions(LinkConditions {
-        loss: draw.loss,
-        doubled: draw.loss / 4.0,
-        overtaken: draw.loss / 4.0,
-        ..LinkConditions::good()
-    });
+    network.set_conditions(lossy(draw.loss));
     let (sender, mut moments) = mpsc::unbounded_channel();
     network.tap(move |_, _, payload| {
         let message = serde_json::from_slice::<Message>(payload).ok();
@@ -288,7 +284,7 @@ async fn play(seed: u64, draw: Draw) -> Played {
     });
     let (asker, mut reports) = Sayer::of_goal("(moved desk)", Keep::Achieve);
     lives.push(launch(Box::new(asker), "asker", &house.machine_on("people", &network), false));
-    let (has_struck, struck_at) = (Mutex::new(false), std::cell::Cell::new(None));
+    let struck_at: Cell<Option<Instant>> = Cell::new(None);
     let striking = async {
         match draw.moment {
             Moment::Carrying => {
@@ -298,7 +294,6 @@ async fn play(seed: u64, draw: Draw) -> Played {
             moment => while moments.recv().await != Some(moment) {},
         }
         tokio::time::sleep(draw.after).await;
-        *has_struck.lock().expect("no panic") = draw.blow != Blow::Nothing;
         match draw.blow {
             Blow::Nothing => (),
             Blow::Breaks => drop(breaking.send(true)),
@@ -316,7 +311,7 @@ async fn play(seed: u64, draw: Draw) -> Played {
                 machines.push(machine);
             }
         }
-        struck_at.set(Some(Instant::now()));
+        struck_at.set((draw.blow != Blow::Nothing).then(Instant::now));
         if draw.blow == Blow::DiesWithExecutor {
             network.kill(&DaemonId::new("reasoning").expect("a name"));
             let mut seen = table.subscribe();
@@ -339,9 +334,7 @@ async fn play(seed: u64, draw: Draw) -> Played {
     let (moves, alone_max) = (table.borrow().moves, table.borrow().alone_max);
     lives.iter().for_each(tokio::task::JoinHandle::abort);
     assert!(is_in_time, "seed {seed}, {draw:?}: no end; {said:#?}");
-    let has_struck = *has_struck.lock().expect("no panic");
-    let struck_at: Option<Instant> = struck_at.get();
-    let recovered_in = struck_at.filter(|_| has_struck).map(|at| at.elapsed());
+    let recovered_in = struck_at.get().map(|at| at.elapsed());
     Played { said, moves, alone_max, recovered_in }
 }
 
@@ -396,7 +389,7 @@ fn carriers_reach_the_goal_on_bad_links() {
     assert!(recovered <= Duration::from_secs(30), "{recovered:?}");
 }
 
-/// Nobody is left who could cancel the action.
+/// Without a Plan Executor, the actuator itself ends the action.
 #[test]
 fn a_carrier_lets_go_although_the_plan_executor_has_died_too() {
     for victim in [CARRIERS[0], CARRIERS[1]] {

@@ -61,7 +61,7 @@ impl Actuator {
             let choice = message.content_as::<Choice>();
             let are_parts_done = choice.is_ok_and(|choice| choice.are_parts_done);
             let exchange = message.exchange();
-            if exchange.is_some_and(|exchange| self.all_are_so_far(exchange, are_parts_done)) {
+            if exchange.is_some_and(|exchange| self.take_acceptance(exchange, are_parts_done)) {
                 return;
             }
         }

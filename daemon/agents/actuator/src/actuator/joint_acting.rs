@@ -3,8 +3,8 @@
 //! - *Preparing*: people are asked, if they have to allow the action. A refusal ends it.
 //! - *Ready*: the actuator has agreed, and waits. Nothing has begun: no token is on disk, the device
 //!   does nothing, and an action that is cancelled leaves nothing behind.
-//! - *Acting*: the requester has said that all are ready. An agent whose partner leaves stops, also
-//!   if the requester is gone.
+//! - *Acting*: the requester has said that all are ready, and the device acts. If a partner leaves, the
+//!   actuator ends the action, even without a requester.
 //! - *Done*: the device has done its part. What it has changed holds when the requester says that all
 //!   have; until then the actuator takes no other work, and may still be cancelled.
 
@@ -156,9 +156,9 @@ impl Actuator {
         }
     }
 
-    /// Takes the word of a requester that all agents of the joint action are ready, or have done their
-    /// parts. Returns `false` if the exchange is about something else.
-    pub(super) fn all_are_so_far(&mut self, exchange: &ReplyToken, are_parts_done: bool) -> bool {
+    /// Takes an `accept-proposal`: all agents of the joint action are ready, or have done their parts.
+    /// Returns `false` if the exchange is about something else.
+    pub(super) fn take_acceptance(&mut self, exchange: &ReplyToken, are_parts_done: bool) -> bool {
         let Some(running) = &mut self.running_command else { return false };
         if !running.subscribers.iter().any(|asker| asker.exchange == *exchange) {
             return false;

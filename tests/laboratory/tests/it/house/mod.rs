@@ -14,6 +14,7 @@ use agent::{
     Mode, ModelPrivacy, PluginEntry,
 };
 use pddl::{Domain, Problem};
+use substrate::faulty::LinkConditions;
 use substrate::memory::Network;
 use substrate::{Inbound, Substrate, faulty};
 use tokio::task::JoinHandle;
@@ -82,6 +83,12 @@ impl House {
         let blueprint = Blueprint { id, driver: String::new(), config, host };
         Actuator::build(&blueprint, device).expect("built")
     }
+}
+
+/// Returns links that lose this share of all messages; a quarter as many come twice, and as many late.
+pub(crate) fn lossy(loss: f64) -> LinkConditions {
+    let (doubled, overtaken) = (loss / 4.0, loss / 4.0);
+    LinkConditions { loss, doubled, overtaken, ..LinkConditions::good() }
 }
 
 pub(crate) fn name(text: &str) -> AgentId {
