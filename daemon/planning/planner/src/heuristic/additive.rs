@@ -8,7 +8,7 @@
 use rustc_hash::FxHashMap;
 
 use super::cost_queue::CostQueue;
-use super::relaxation::Relaxation;
+use super::relaxation::{ONCE, Relaxation, Repetitions};
 use crate::rows::Rows;
 use crate::state::State;
 
@@ -51,9 +51,9 @@ pub(super) struct AdditiveHeuristic {
     /// Number of bits by which costs are scaled down.
     scale: u32,
     is_goal: Vec<bool>,
-    /// Per numeric step: the required number of repetitions of its operator. Empty if the
-    /// relaxation has no numeric steps.
-    repetitions: Vec<u32>,
+    /// Per numeric step: the required repetitions of its operator. Empty if the relaxation has no
+    /// numeric steps.
+    repetitions: Vec<Repetitions>,
     initial: Vec<u32>,
     queue: CostQueue,
 }
@@ -153,14 +153,23 @@ impl AdditiveHeuristic {
         self.reached[proposition as usize].supporter
     }
 
-    /// Returns the number of repetitions of the best supporter that make the proposition true.
-    pub(super) fn repetitions(&self, relaxation: &Relaxation, proposition: u32) -> u32 {
+    /// Returns the repetitions of the best supporter that make the proposition true.
+    pub(super) fn repetitions(&self, relaxation: &Relaxation, proposition: u32) -> Repetitions {
         if self.repetitions.is_empty() {
-            return 1;
+            return ONCE;
         }
-        let supporter = self.supporter(proposition);
-        let mut adds = relaxation.adds_with(supporter, &self.repetitions);
-        adds.find(|(added, _)| *added == proposition).map_or(1, |(_, times)| times)
+        self.repetitions_of(relaxation, self.supporter(proposition), proposition)
+    }
+
+    /// Returns the repetitions of a relaxed operator that make a proposition true.
+    pub(super) fn repetitions_of(
+        &self,
+        relaxation: &Relaxation,
+        relaxed: u32,
+        proposition: u32,
+    ) -> Repetitions {
+        let mut adds = relaxation.adds_with(relaxed, &self.repetitions);
+        adds.find(|(added, _)| *added == proposition).map_or(ONCE, |(_, found)| found)
     }
 
     /// Computes the costs of propositions until all goal propositions are reached. Returns `false`
@@ -245,8 +254,9 @@ impl AdditiveHeuristic {
     fn fire<const NUMBERS: bool>(&mut self, relaxation: &Relaxation, relaxed: u32, cost: u32) {
         if NUMBERS {
             let base = self.base_costs[relaxed as usize];
-            for (proposition, times) in relaxation.adds_with(relaxed, &self.repetitions) {
-                let further = base.saturating_mul(times - 1);
+            for (proposition, needed) in relaxation.adds_with(relaxed, &self.repetitions) {
+                let further = base.saturating_mul(needed.times - 1);
+                let further = further.saturating_add(needed.used >> self.scale);
                 let cost = cost.saturating_add(further).min(COST_MAX);
                 reach(proposition, cost, relaxed, &mut self.reached, &mut self.queue);
             }

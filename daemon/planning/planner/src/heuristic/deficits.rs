@@ -12,10 +12,6 @@ use crate::rows::Rows;
 use crate::state::State;
 use crate::task::{GroundOperator, OperatorId, Task};
 
-/// Tolerance for the comparison of a margin with zero, since sums of decimal fractions are not
-/// exact.
-const EPSILON: f64 = 1e-6;
-
 /// Maximum number of repetitions of one operator for one deficit in one round. Beyond it, states
 /// hardly differ.
 const TIMES_MAX: u32 = 1_000;
@@ -66,6 +62,12 @@ impl Deficits {
         self.approaching.row(proposition)
     }
 
+    /// Returns the goals that require a sum of several numbers to have one value.
+    pub(super) fn balances(&self) -> impl Iterator<Item = u32> + '_ {
+        let conditions = self.margins.conditions().iter();
+        conditions.filter(|one| one.is_balance()).map(|one| one.proposition)
+    }
+
     /// Reads the numbers of a state. Must be called before [`Deficits::find`] for its plans.
     pub(super) fn start(&mut self, task: &Task, state: &State) {
         let values = &state[task.fact_count.div_ceil(64)..];
@@ -93,8 +95,7 @@ impl Deficits {
             let sum = condition
                 .margin(|fluent| self.values[fluent as usize] + self.sums[fluent as usize]);
             let sum = sum + self.last_use[index];
-            let holds = if condition.is_strict { sum > EPSILON } else { sum >= -EPSILON };
-            if holds || sum.is_nan() {
+            if condition.is_met(sum) || sum.is_nan() {
                 continue;
             }
             let covers = self.covers((task, relaxation), condition, sum);
@@ -149,7 +150,7 @@ impl Deficits {
         operators.filter_map(move |&relaxed| {
             let operator = relaxation.origin(relaxed)?;
             let by = change(condition, task.operator(operator), &self.values);
-            if by.is_nan() || by <= 0.0 {
+            if by.is_nan() || !condition.is_approached(margin, by) {
                 return None;
             }
             let times = condition.times(margin, by).min(TIMES_MAX);

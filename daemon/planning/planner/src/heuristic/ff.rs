@@ -50,6 +50,8 @@ pub(crate) struct FastForward<'t> {
     /// Whether relaxed plans cover their deficits.
     covers_deficits: bool,
     covers: Vec<Cover>,
+    /// Goals that require a sum of several numbers to have one value.
+    balances: Vec<u32>,
     /// Cost of the last relaxed plan before its deficits were covered.
     plain_estimate: u64,
 }
@@ -59,7 +61,9 @@ pub(crate) struct FastForward<'t> {
 impl<'t> FastForward<'t> {
     pub(crate) fn new(task: &'t Task, weights: Weights) -> FastForward<'t> {
         let relaxation = Relaxation::simplified(task, weights);
+        let deficits = Deficits::new(task, &relaxation);
         FastForward {
+            balances: deficits.iter().flat_map(|one| one.balances()).collect(),
             task,
             additive: AdditiveHeuristic::new(&relaxation),
             preferred: Vec::new(),
@@ -71,7 +75,7 @@ impl<'t> FastForward<'t> {
             evaluation: 0,
             waiting: Vec::new(),
             chosen: Vec::new(),
-            deficits: Deficits::new(task, &relaxation),
+            deficits,
             covers_deficits: true,
             covers: Vec::new(),
             plain_estimate: 0,
@@ -146,41 +150,56 @@ impl<'t> FastForward<'t> {
     /// covered, those of the covers are preferred, too, and all helpful ones.
     fn extract(&mut self, state: &State) -> u64 {
         self.evaluation += 1;
+        let mut unbalanced = 0;
+        if self.covers_deficits {
+            for index in 0..self.balances.len() {
+                let balance = self.balances[index];
+                if self.relaxation.goal().binary_search(&balance).is_ok() {
+                    self.marks[balance as usize] = self.evaluation;
+                    unbalanced += u64::from(!self.is_given(balance));
+                }
+            }
+        }
         for index in 0..self.relaxation.goal().len() {
             self.mark(self.relaxation.goal()[index]);
         }
-        self.plain_estimate = self.support_waiting(state);
+        let cost = self.support_waiting(state, false);
+        self.plain_estimate = cost.saturating_add(unbalanced);
         self.preferred.sort_unstable();
         self.preferred.dedup();
         self.plain_count = self.preferred.len();
         if !self.covers_deficits || self.deficits.is_none() {
             return self.plain_estimate;
         }
-        let cost = self.cover_deficits(state);
+        let cost = cost.saturating_add(self.cover_deficits(state));
         self.helpful.extend(self.preferred.drain(self.plain_count..));
         self.helpful.retain(|one| self.preferred.binary_search(one).is_err());
         self.helpful.sort_unstable();
         self.helpful.dedup();
         self.preferred.append(&mut self.helpful);
-        self.plain_estimate.saturating_add(cost)
+        // No operator may have been found for a balance.
+        cost.max(unbalanced.min(1))
     }
 
     /// Adds the supporters of all waiting propositions to the relaxed plan, with what these require
     /// in turn. Returns their cost.
-    fn support_waiting(&mut self, state: &State) -> u64 {
+    fn support_waiting(&mut self, state: &State, is_covering: bool) -> u64 {
         let mut cost: u64 = 0;
         while let Some(proposition) = self.waiting.pop() {
             if self.is_given(proposition) {
                 continue;
             }
             self.note_helpful(proposition, state);
+            if is_covering && self.is_in_plan(proposition) {
+                continue;
+            }
             let supporter = self.additive.supporter(proposition);
             for index in 0..self.relaxation.preconditions(supporter).len() {
                 self.mark(self.relaxation.preconditions(supporter)[index]);
             }
             let Some(operator) = self.relaxation.origin(supporter) else { continue };
             self.prefer((supporter, operator), state);
-            let times = self.additive.repetitions(&self.relaxation, proposition);
+            let times = self.additive.repetitions(&self.relaxation, proposition).times;
             let known = self.times(operator);
             if times > known {
                 let relaxed = (supporter, operator);
@@ -188,6 +207,18 @@ impl<'t> FastForward<'t> {
             }
         }
         cost
+    }
+
+    /// Whether the relaxed plan so far makes a comparison true by the steps that it has anyway: to
+    /// pour water makes room for the next load.
+    fn is_in_plan(&self, proposition: u32) -> bool {
+        let Some(deficits) = &self.deficits else { return false };
+        deficits.approaching(proposition).iter().any(|&relaxed| {
+            let known = self.relaxation.origin(relaxed).map_or(0, |operator| self.times(operator));
+            known > 0
+                && self.additive.repetitions_of(&self.relaxation, relaxed, proposition).times
+                    <= known
+        })
     }
 
     /// Returns the number of occurrences of an operator in the relaxed plan so far.
@@ -243,7 +274,7 @@ impl<'t> FastForward<'t> {
                 cost = cost.saturating_add(self.apply((*relaxed, *operator), *times));
             }
             self.covers = covers;
-            cost = cost.saturating_add(self.support_waiting(state));
+            cost = cost.saturating_add(self.support_waiting(state, true));
         }
         cost
     }
@@ -375,5 +406,53 @@ mod tests {
             ff.set_covering(false);
             assert_eq!(ff.evaluate(&state), Some(plain), "{fuel} {goal}");
         }
+    }
+
+    const WATERING: &str = "(define (domain d) (:types agent)
+        (:functions (x ?a - agent) (carrying ?a - agent) (loaded) (poured))
+        (:action right :parameters (?a - agent) :effect (increase (x ?a) 1))
+        (:action left :parameters (?a - agent) :effect (decrease (x ?a) 1))
+        (:action load :parameters (?a - agent)
+            :precondition (and (= (x ?a) 0) (<= (+ (carrying ?a) 1) 5))
+            :effect (and (increase (carrying ?a) 1) (increase (loaded) 1)))
+        (:action pour :parameters (?a - agent)
+            :precondition (and (= (x ?a) 6) (>= (carrying ?a) 1))
+            :effect (and (decrease (carrying ?a) 1) (increase (poured) 1))))";
+
+    fn watering(agents: [(i32, u32); 2], loaded: u32, goal: &str) -> Task {
+        let [(a, with_a), (b, with_b)] = agents;
+        task(
+            WATERING,
+            &format!(
+                "(define (problem p) (:domain d) (:objects a b - agent)
+            (:init (= (x a) {a}) (= (carrying a) {with_a}) (= (x b) {b}) (= (carrying b) {with_b})
+              (= (loaded) {loaded}) (= (poured) 0)) (:goal {goal}))"
+            ),
+        )
+    }
+
+    /// Agent `b` is nearer to the plant, but has to get all the water first. The bucket of `a` is full;
+    /// pouring makes room for the water that is missing.
+    #[test]
+    fn an_operator_that_has_more_of_what_its_repetitions_use_up_is_preferred() {
+        let task = watering([(-2, 5), (2, 0)], 5, "(= (poured) 8)");
+        let mut ff = FastForward::new(&task, Weights::Unit);
+        let state = Progression::new(&task).initial();
+        assert_eq!(ff.evaluate(&state), Some(8 + 8 + 3));
+        assert_eq!(preferred(&task), ["(left a)", "(right a)"]);
+    }
+
+    /// What is loaded must be poured: the steps that pour for one goal do so for the other one, too.
+    #[test]
+    fn steps_of_a_relaxed_plan_count_for_a_balance_of_several_numbers() {
+        let goal = "(and (>= (poured) 5) (= (poured) (loaded)))";
+        let task = watering([(0, 3), (60, 0)], 3, goal);
+        let mut ff = FastForward::new(&task, Weights::Unit);
+        let state = Progression::new(&task).initial();
+        assert_eq!(ff.evaluate(&state), Some(5 + 6 + 2));
+        // More is loaded than a goal needs.
+        let task = watering([(0, 3), (60, 0)], 3, "(and (>= (poured) 2) (= (poured) (loaded)))");
+        let mut ff = FastForward::new(&task, Weights::Unit);
+        assert_eq!(ff.evaluate(&Progression::new(&task).initial()), Some(3 + 6));
     }
 }

@@ -3,7 +3,7 @@
 use rustc_hash::FxHashMap;
 
 use super::dominance::RelaxedOperators;
-use super::numbers::NumericSteps;
+use super::numbers::{NumericSteps, Supply};
 use super::{AXIOM, NO_STEP, Relaxation};
 use crate::rows::Rows;
 use crate::task::{Changes, FactId, GroundOperator, Literal, NumericChange, Task};
@@ -28,6 +28,8 @@ pub(super) struct RelaxationBuilder<'t> {
     adds: Rows,
     base_costs: Vec<u64>,
     origins: Vec<u32>,
+    /// Per relaxed operator that uses up a number that it requires: what it uses up.
+    used_up: Vec<(u32, Vec<Supply>)>,
 }
 
 // === impl RelaxationBuilder ===
@@ -46,6 +48,7 @@ impl<'t> RelaxationBuilder<'t> {
             adds: Rows::default(),
             base_costs: Vec::new(),
             origins: Vec::new(),
+            used_up: Vec::new(),
         };
         for literal in task.goal.iter() {
             builder.note_negation(*literal);
@@ -117,11 +120,49 @@ impl<'t> RelaxationBuilder<'t> {
     pub(super) fn operator(&mut self, origin: u32, operator: GroundOperator<'_>, weight: u64) {
         let preconditions = self.propositions(operator.preconditions.iter());
         let adds = self.added(operator.effect);
+        if !adds.is_empty() {
+            self.note_used_up(operator);
+        }
         self.push(origin, &preconditions, &adds, weight);
         for one in operator.conditional.iter() {
             let all = operator.preconditions.iter().chain(one.conditions.iter());
             let (preconditions, adds) = (self.propositions(all), self.added(one.effect));
             self.push(origin, &preconditions, &adds, weight);
+        }
+    }
+
+    /// Notes what the next relaxed operator, that of `operator` without conditional effects, uses up.
+    fn note_used_up(&mut self, operator: GroundOperator<'_>) {
+        let changes = operator.effect.numeric;
+        if changes.is_empty() {
+            return;
+        }
+        let comparison = |one: &Literal| one.fact().index().checked_sub(self.task.basic_count);
+        let relaxed = self.preconditions.len() as u32;
+        let required = operator.preconditions.iter().filter_map(|one| {
+            let index = comparison(one).filter(|index| *index < self.task.comparisons.len())?;
+            self.numbers.use_up(index, one.is_positive(), changes)
+        });
+        let used_up: Vec<Supply> = required.collect();
+        if !used_up.is_empty() {
+            self.used_up.push((relaxed, used_up));
+        }
+    }
+
+    /// Passes on what operators use up to their numeric steps.
+    fn note_supplies(&mut self) {
+        let mut cheapest: FxHashMap<(u32, bool), f64> = FxHashMap::default();
+        let mut of_relaxed: FxHashMap<u32, Vec<u32>> = FxHashMap::default();
+        for (&(relaxed, _), &step) in &self.steps {
+            of_relaxed.entry(relaxed).or_default().push(step);
+            let unit_cost = self.numbers.unit_cost(step, self.base_costs[relaxed as usize]);
+            let Some((distance, cost)) = unit_cost else { continue };
+            let known = cheapest.entry(distance).or_insert(cost);
+            *known = known.min(cost);
+        }
+        for (relaxed, supplies) in std::mem::take(&mut self.used_up) {
+            let steps = of_relaxed.remove(&relaxed).unwrap_or_default();
+            self.numbers.note_supplies(supplies, steps.into_iter(), &cheapest);
         }
     }
 
@@ -225,6 +266,7 @@ impl<'t> RelaxationBuilder<'t> {
 
     /// Builds the relaxation. If `simplify` is set, dominated additions are omitted.
     pub(super) fn finish(mut self, simplify: bool) -> Relaxation {
+        self.note_supplies();
         let goal = self.propositions(self.task.goal.iter());
         let proposition_count = self.task.fact_count + self.negated.len() + self.failing;
         let adds = if simplify {
@@ -241,7 +283,9 @@ impl<'t> RelaxationBuilder<'t> {
         let missing: Vec<u32> =
             (0..count).map(|index| self.preconditions.row(index).len() as u32).collect();
         let free = (0..count).filter(|index| missing[*index as usize] == 0).collect();
+        let negations = self.negated.iter().copied().zip(self.task.fact_count as u32..);
         Relaxation {
+            negations: negations.collect(),
             fact_count: self.task.fact_count,
             negated: self.negated,
             proposition_count,

@@ -5,6 +5,9 @@ use super::Relaxation;
 use super::numbers::{RequiredDistance, times};
 use crate::task::{FactId, Literal, Task};
 
+/// Tolerance for the comparison of a margin with zero.
+const EPSILON: f64 = 1e-6;
+
 /// Entry in place of a condition.
 const NO_CONDITION: u32 = u32::MAX;
 
@@ -24,8 +27,8 @@ pub(in crate::heuristic) struct Margins {
 pub(in crate::heuristic) struct NumericCondition {
     /// The proposition of the condition in the relaxation.
     pub(in crate::heuristic) proposition: u32,
-    /// Whether a margin of zero is too small.
-    pub(in crate::heuristic) is_strict: bool,
+    /// What the margin must be.
+    wanted: RequiredDistance,
     pub(in crate::heuristic) is_goal: bool,
     /// The margin is the sum of the fluents, each times its weight, and of the constant.
     weights: Box<[(u32, f64)]>,
@@ -80,7 +83,11 @@ fn condition(task: &Task, relaxation: &Relaxation, literal: Literal) -> Option<N
         return None;
     }
     let index = literal.fact().index() - task.basic_count;
-    let (sign, is_strict) = relaxation.numbers.bound(index, literal.is_positive())?;
+    let (sign, wanted) = relaxation.numbers.bound(index, literal.is_positive())?;
+    // An equality that an operator requires holds for a moment only.
+    if wanted == RequiredDistance::Zero && !is_goal {
+        return None;
+    }
     let weights = relaxation.numbers.weights(index)?;
     let mut weights: Box<[_]> =
         weights.iter().map(|(fluent, weight)| (*fluent, weight * sign)).collect();
@@ -88,7 +95,7 @@ fn condition(task: &Task, relaxation: &Relaxation, literal: Literal) -> Option<N
     let comparison = &task.comparisons[index];
     let zero = |_| 0.0;
     let constant = (comparison.left.evaluate(&zero) - comparison.right.evaluate(&zero)) * sign;
-    Some(NumericCondition { proposition, is_strict, is_goal, weights, constant })
+    Some(NumericCondition { proposition, wanted, is_goal, weights, constant })
 }
 
 // === impl NumericCondition ===
@@ -103,11 +110,30 @@ impl NumericCondition {
 
     /// Returns the number of changes by `by`, which raise the margin, from `margin` to the bound.
     pub(in crate::heuristic) fn times(&self, margin: f64, by: f64) -> u32 {
-        let wanted = match self.is_strict {
-            true => RequiredDistance::AboveZero,
-            false => RequiredDistance::AtLeastZero,
-        };
-        times(wanted, margin, by)
+        times(self.wanted, margin, by)
+    }
+
+    /// Whether a margin is beyond the bound, with a tolerance, since sums of decimal fractions are not
+    /// exact.
+    pub(in crate::heuristic) fn is_met(&self, margin: f64) -> bool {
+        match self.wanted {
+            RequiredDistance::AboveZero => margin > EPSILON,
+            RequiredDistance::Zero => margin.abs() <= EPSILON,
+            _ => margin >= -EPSILON,
+        }
+    }
+
+    /// Whether changes by `by` bring `margin` to the bound.
+    pub(in crate::heuristic) fn is_approached(&self, margin: f64, by: f64) -> bool {
+        match self.wanted {
+            RequiredDistance::Zero => by * margin < 0.0,
+            _ => by > 0.0,
+        }
+    }
+
+    /// Whether the condition requires a sum of several numbers to have one value.
+    pub(in crate::heuristic) fn is_balance(&self) -> bool {
+        self.wanted == RequiredDistance::Zero && self.weights.len() > 1
     }
 
     /// Returns the weight of a fluent; `None` if the condition does not read it.

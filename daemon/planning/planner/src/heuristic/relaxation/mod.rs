@@ -13,10 +13,12 @@ mod dominance;
 mod margins;
 mod numbers;
 
+use rustc_hash::FxHashMap;
+
 use self::builder::RelaxationBuilder;
 pub(super) use self::margins::{Margins, NumericCondition};
 use self::numbers::NumericSteps;
-pub(super) use self::numbers::repeatable_change;
+pub(super) use self::numbers::{Repetitions, repeatable_change};
 use super::cost_queue::CostQueue;
 use crate::rows::Rows;
 use crate::state::{State, is_true, true_facts};
@@ -30,6 +32,9 @@ const AXIOM: u32 = u32::MAX;
 
 /// Entry in place of a step, for an addition that one application of its operator achieves.
 const NO_STEP: u32 = u32::MAX;
+
+/// Repetitions of an operator that one application suffices for.
+pub(super) const ONCE: Repetitions = Repetitions { times: 1, used: 0 };
 
 /// Weight of an operator in a search or heuristic. If all operators of a task have the same cost,
 /// each of them has the weight one.
@@ -56,6 +61,8 @@ pub(crate) struct Relaxation {
     /// Facts that some condition requires to be false. The propositions of their negations follow
     /// those of the facts.
     negated: Vec<FactId>,
+    /// Per fact of `negated`: the proposition of its negation.
+    negations: FxHashMap<FactId, u32>,
     proposition_count: usize,
     /// Per proposition: the relaxed operators with this precondition.
     asking: Rows,
@@ -168,22 +175,24 @@ impl Relaxation {
         !self.numbers.is_empty()
     }
 
-    /// Computes the number of repetitions of each numeric step's operator in a state.
-    pub(super) fn repetitions(&self, state: &State, found: &mut Vec<u32>) {
+    /// Computes the number of repetitions of each numeric step's operator in a state, and the cost of
+    /// what these use up.
+    pub(super) fn repetitions(&self, state: &State, found: &mut Vec<Repetitions>) {
         self.numbers.repetitions(&state[self.fact_count.div_ceil(64)..], found);
     }
 
     /// Returns the propositions that a relaxed operator adds. Each entry is the proposition, and
-    /// the number of times that the operator must be applied to add it. `repetitions` contains this
-    /// number for each numeric step.
+    /// the number of times that the operator must be applied to add it, with the cost of what these
+    /// applications use up. `repetitions` contains these numbers for each numeric step.
     #[inline]
     pub(super) fn adds_with<'r>(
         &'r self,
         relaxed: u32,
-        repetitions: &'r [u32],
-    ) -> impl Iterator<Item = (u32, u32)> {
+        repetitions: &'r [Repetitions],
+    ) -> impl Iterator<Item = (u32, Repetitions)> {
         let steps = &self.steps[self.adds.range(relaxed)];
-        let times = steps.iter().map(|step| repetitions.get(*step as usize).copied().unwrap_or(1));
+        let times =
+            steps.iter().map(|step| repetitions.get(*step as usize).copied().unwrap_or(ONCE));
         self.adds.row(relaxed).iter().copied().zip(times)
     }
 
@@ -237,8 +246,7 @@ impl Relaxation {
         if literal.is_positive() {
             return Some(fact.0);
         }
-        let index = self.negated.iter().position(|one| *one == fact)?;
-        Some((self.fact_count + index) as u32)
+        self.negations.get(&fact).copied()
     }
 
     /// Returns the fact of a proposition that is a positive literal; `None` for other propositions.

@@ -26,7 +26,7 @@ const REPETITIONS_MAX: u32 = 100_000;
 
 /// Required value of the distance for a comparison to be true (or to be false).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum RequiredDistance {
+pub(in crate::heuristic) enum RequiredDistance {
     AtLeastZero,
     AboveZero,
     Zero,
@@ -42,6 +42,30 @@ struct NumericStep {
     /// Required direction of the change: −1 if the distance must decrease, otherwise 1.
     sign: f64,
     change: DistanceChange,
+    /// Index of the supplies that repetitions use up, or [`NO_SUPPLIES`].
+    supplies: u32,
+}
+
+/// Number of repetitions of an operator in a state, with what they need.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::heuristic) struct Repetitions {
+    pub(in crate::heuristic) times: u32,
+    /// Cost of getting what the repetitions use up, beyond what there is.
+    pub(in crate::heuristic) used: u32,
+}
+
+/// Entry in place of supplies, for an operator that uses up nothing that it requires.
+const NO_SUPPLIES: u32 = u32::MAX;
+
+/// A number that an operator requires and uses up, such as the water that it pours.
+#[derive(Clone, Debug)]
+pub(super) struct Supply {
+    comparison: u32,
+    sign: f64,
+    /// Amount that each application uses up.
+    by: f64,
+    /// Lowest cost of getting one unit back, by an operator whose preconditions hold.
+    unit_cost: f64,
 }
 
 /// Amount by which an operator changes the distance of a comparison.
@@ -66,6 +90,8 @@ pub(in crate::heuristic) struct NumericSteps {
     /// Changes of fluents by amounts that depend on the state. Several steps may share one change.
     changes: Vec<NumericChange>,
     steps: Vec<NumericStep>,
+    /// Supplies of operators, those of each operator together.
+    supplies: Vec<Box<[Supply]>>,
 }
 
 // === impl NumericSteps ===
@@ -84,16 +110,12 @@ impl NumericSteps {
     }
 
     /// Returns 1 if the distance must grow for the comparison to be true (or to be false, if `truth`
-    /// is false), and −1 if it must shrink; and whether a distance of zero is too small. Returns
-    /// `None` if the comparison is not a linear inequality.
-    pub(super) fn bound(&self, comparison: usize, truth: bool) -> Option<(f64, bool)> {
+    /// is false), and −1 if it must shrink; and what it must be then. Returns `None` if the comparison
+    /// is not linear, or excludes one number only.
+    pub(super) fn bound(&self, comparison: usize, truth: bool) -> Option<(f64, RequiredDistance)> {
         self.weights[comparison].as_ref()?;
         let (wanted, sign) = wanted(self.comparisons[comparison].comparison, truth);
-        match wanted {
-            RequiredDistance::AtLeastZero => Some((sign, false)),
-            RequiredDistance::AboveZero => Some((sign, true)),
-            RequiredDistance::Zero | RequiredDistance::NotZero => None,
-        }
+        (wanted != RequiredDistance::NotZero).then_some((sign, wanted))
     }
 
     /// Returns the coefficient of each fluent in the distance of a comparison; `None` if the
@@ -136,8 +158,52 @@ impl NumericSteps {
             }
         }
         let comparison = comparison as u32;
-        self.steps.push(NumericStep { comparison, wanted, sign, change });
+        self.steps.push(NumericStep { comparison, wanted, sign, change, supplies: NO_SUPPLIES });
         Some(self.steps.len() as u32 - 1)
+    }
+
+    /// Returns what an operator uses up of a comparison that it requires to be true (or to be false):
+    /// the constant amount by which it takes the distance back. Returns `None` if there is none.
+    pub(super) fn use_up(
+        &self,
+        comparison: usize,
+        truth: bool,
+        changes: &[NumericChange],
+    ) -> Option<Supply> {
+        let (sign, _) = self.bound(comparison, truth)?;
+        let DistanceChange::Constant(by) = self.change(comparison, changes, 0) else { return None };
+        let by = -by * sign;
+        let comparison = comparison as u32;
+        (by > 0.0).then_some(Supply { comparison, sign, by, unit_cost: 0.0 })
+    }
+
+    /// Notes that the operator of some steps uses up supplies. `cheapest` contains the lowest cost of
+    /// changing the distance of a comparison by one, per comparison and direction.
+    pub(super) fn note_supplies(
+        &mut self,
+        mut supplies: Vec<Supply>,
+        steps: impl Iterator<Item = u32>,
+        cheapest: &FxHashMap<(u32, bool), f64>,
+    ) {
+        supplies.retain_mut(|one| {
+            let cost = cheapest.get(&(one.comparison, one.sign > 0.0));
+            one.unit_cost = cost.copied().unwrap_or_default();
+            one.unit_cost > 0.0
+        });
+        if supplies.is_empty() {
+            return;
+        }
+        let index = self.supplies.len() as u32;
+        self.supplies.push(supplies.into());
+        steps.for_each(|step| self.steps[step as usize].supplies = index);
+    }
+
+    /// Returns the comparison of a step, the direction in which it changes the distance, and the cost
+    /// of one unit at a cost of the step; `None` if its amount depends on the state.
+    pub(super) fn unit_cost(&self, step: u32, cost: u64) -> Option<((u32, bool), f64)> {
+        let step = &self.steps[step as usize];
+        let DistanceChange::Constant(by) = step.change else { return None };
+        Some(((step.comparison, step.sign > 0.0), cost as f64 / by.abs()))
     }
 
     fn change(&self, comparison: usize, changes: &[NumericChange], first: u32) -> DistanceChange {
@@ -158,9 +224,9 @@ impl NumericSteps {
         constant.map_or_else(depends, DistanceChange::Constant)
     }
 
-    /// Computes the number of repetitions of each step's operator, for the values of the fluents in
-    /// a state.
-    pub(in crate::heuristic) fn repetitions(&self, values: &[u64], found: &mut Vec<u32>) {
+    /// Computes the number of repetitions of each step's operator, and what they need, for the values
+    /// of the fluents in a state.
+    pub(in crate::heuristic) fn repetitions(&self, values: &[u64], found: &mut Vec<Repetitions>) {
         let value = |fluent: u32| f64::from_bits(values[fluent as usize]);
         let distances: Vec<f64> = { self.comparisons.iter() }
             .map(|one| one.left.evaluate(&value) - one.right.evaluate(&value))
@@ -170,8 +236,22 @@ impl NumericSteps {
         found.clear();
         found.extend({ self.steps.iter() }.map(|step| {
             let distance = distances[step.comparison as usize] * step.sign;
-            step.repetitions(distance, &changes)
+            let times = step.repetitions(distance, &changes);
+            Repetitions { times, used: self.supply_cost(step, times, &distances) }
         }));
+    }
+
+    /// Returns the cost of getting what `times` applications of a step's operator use up, beyond what
+    /// there is.
+    fn supply_cost(&self, step: &NumericStep, times: u32, distances: &[f64]) -> u32 {
+        let Some(supplies) = self.supplies.get(step.supplies as usize) else { return 0 };
+        let cost: f64 = { supplies.iter() }
+            .map(|one| {
+                let there = (distances[one.comparison as usize] * one.sign).max(0.0);
+                (one.by * f64::from(times - 1) - there).max(0.0) * one.unit_cost
+            })
+            .sum();
+        cost.min(f64::from(REPETITIONS_MAX)) as u32
     }
 }
 
