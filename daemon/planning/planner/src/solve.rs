@@ -2,11 +2,12 @@
 //!
 //! 1. Enforced hill climbing (`search::climbing`), which solves most tasks of buildings.
 //! 2. Pruning of facts and operators that no plan can use (`prune`).
-//! 3. Search with several open lists (`search::lazy`), on one thread with restarts
+//! 3. A search for one part of the goal after the other (`search::goal_by_goal`).
+//! 4. Search with several open lists (`search::lazy`), on one thread with restarts
 //!    (`search::restarts`), or on two in parallel (`search::portfolio`).
-//! 4. Removal of superfluous steps of the plan (`search::improve`).
-//! 5. On small tasks, a search for a cheapest plan (`search::optimal`), with a proof.
-//! 6. If better plans are requested: searches with decreasing weights, each for a cheaper plan than
+//! 5. Removal of superfluous steps of the plan (`search::improve`).
+//! 6. On small tasks, a search for a cheapest plan (`search::optimal`), with a proof.
+//! 7. If better plans are requested: searches with decreasing weights, each for a cheaper plan than
 //!    before, and between them searches for shortcuts (`search::neighborhood`).
 
 use crate::configuration::SearchMethod;
@@ -16,6 +17,7 @@ use crate::options::{Effort, Options};
 use crate::outcome::{Statistics, StopReason};
 use crate::prune::{Pruned, prune};
 use crate::search::climbing::{ClimbingOutcome, HillClimbing};
+use crate::search::goal_by_goal::GoalByGoal;
 use crate::search::lazy::{LazySearch, List, SearchParameters};
 use crate::search::neighborhood::NeighborhoodLimits;
 use crate::search::optimal::{AStar, weight};
@@ -174,7 +176,7 @@ impl<'t> Solver<'t> {
         tell: &mut dyn FnMut(SearchProgress<'_>),
     ) -> Result<Vec<OperatorId>, StopReason> {
         match self.options.configuration.method {
-            SearchMethod::Lists { lists, .. } => self.search(lists, tell),
+            SearchMethod::Lists { climb, lists } => self.search((climb, lists), tell),
             SearchMethod::AStar { heuristic } => self.a_star(heuristic, tell),
         }
     }
@@ -209,18 +211,28 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Searches for a first plan with several open lists, on one or two threads.
+    /// Searches for a first plan with several open lists, on one or two threads. If the configuration
+    /// includes quick searches, reaches one part of the goal after the other first.
     fn search(
         &mut self,
-        lists: &'static [List],
+        (is_quick, lists): (bool, &'static [List]),
         tell: &mut dyn FnMut(SearchProgress<'_>),
     ) -> Result<Vec<OperatorId>, StopReason> {
         let (task, generator, budget) = (self.task, &self.generator, self.budget);
+        let mut ff = FastForward::new(task, Weights::Unit);
+        if is_quick && task.goal.len() > 1 {
+            let mut search = GoalByGoal::new(task, generator, &mut ff, (budget, self.cancel));
+            let plan = search.run();
+            self.statistics.expansions += search.expansions;
+            self.statistics.evaluations += search.evaluations;
+            if let Some(plan) = plan {
+                return Ok(plan);
+            }
+        }
         let (result, found) = if self.options.threads > 1 {
-            let ff = FastForward::new(task, Weights::Unit);
             portfolio::run(task, generator, ff, lists, budget, self.cancel, tell)
         } else {
-            let mut search = Restarts::new(task, generator, lists, budget, self.cancel);
+            let mut search = Restarts::new(task, generator, ff, lists, budget, self.cancel);
             (search.run(RestartLimits::default(), tell), search.statistics())
         };
         self.statistics.expansions += found.expansions;

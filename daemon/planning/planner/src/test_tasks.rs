@@ -9,9 +9,11 @@ use crate::normalize::lifted::Lifted;
 use crate::normalize::normalize;
 use crate::options::{Effort, Options};
 use crate::outcome::Statistics;
+use crate::progression::Progression;
 use crate::search::SearchProgress;
 use crate::solve::Solver;
-use crate::task::Task;
+use crate::state::all_hold;
+use crate::task::{OperatorId, Task};
 
 /// Parses a domain and a problem from their texts.
 pub(crate) fn parsed(domain: &str, problem: &str) -> (Domain, Problem) {
@@ -49,6 +51,19 @@ pub(crate) fn cheapest(lifted: &Lifted) -> Option<Plan> {
 
 pub(crate) fn task(domain: &str, problem: &str) -> Task {
     grounded(domain, problem).expect("a goal in reach")
+}
+
+/// Executes a plan, and asserts that each step applies and that the goal holds in the end.
+pub(crate) fn assert_reaches_the_goal(task: &Task, plan: &[OperatorId]) {
+    let mut progression = Progression::new(task);
+    let (mut state, mut next) = (progression.initial(), Vec::new());
+    for id in plan {
+        let operator = task.operator(*id);
+        assert!(all_hold(&state, operator.preconditions), "{}", task.step(*id));
+        assert!(progression.apply(operator, &state, &mut next));
+        std::mem::swap(&mut state, &mut next);
+    }
+    assert!(all_hold(&state, &task.goal));
 }
 
 /// Generates the arguments of [`reached`]: bodies of actions, and initial facts.

@@ -133,6 +133,12 @@ impl AdditiveHeuristic {
         self.reached.len() * 9 + self.counters.len() * 20 + rows
     }
 
+    /// Adopts the goal of the relaxation after it has changed.
+    pub(super) fn set_goal(&mut self, relaxation: &Relaxation) {
+        self.is_goal.fill(false);
+        relaxation.goal().iter().for_each(|goal| self.is_goal[*goal as usize] = true);
+    }
+
     /// Returns the scaled cost of a proposition; [`UNREACHED`] if it is unreachable.
     #[inline]
     pub(super) fn cost(&self, proposition: u32) -> u32 {

@@ -6,7 +6,7 @@ use super::additive::{AdditiveHeuristic, NO_SUPPORTER};
 use super::deficits::{Cover, Deficits};
 use super::relaxation::{Relaxation, Weights};
 use crate::state::{State, all_hold};
-use crate::task::{OperatorId, Task};
+use crate::task::{Literal, OperatorId, Task};
 
 /// Maximum length of the stored relaxed plan; further steps are not stored. A longer plan is
 /// unlikely to be executable.
@@ -118,6 +118,18 @@ impl<'t> FastForward<'t> {
     /// Sets whether relaxed plans cover their deficits from now on.
     pub(crate) fn set_covering(&mut self, covers: bool) {
         self.covers_deficits = covers;
+    }
+
+    /// Replaces the goal by other literals that the goal of the task contains.
+    pub(crate) fn set_goal(&mut self, goal: &[Literal]) {
+        self.relaxation.set_goal(goal);
+        self.additive.set_goal(&self.relaxation);
+    }
+
+    /// Returns the h_add cost of a part of the goal in the last evaluated state.
+    pub(crate) fn part_cost(&self, part: Literal) -> u64 {
+        let proposition = self.relaxation.proposition(part);
+        proposition.map_or(0, |one| u64::from(self.additive.cost(one)))
     }
 
     /// Whether an operator can reach the bound of a comparison, so that deficits can be covered.

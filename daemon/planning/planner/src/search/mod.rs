@@ -3,12 +3,13 @@
 //! A search implements [`Search::step`]. The loop [`run`] runs one search and enforces the limits;
 //! [`restarts`] and [`portfolio`] do the same for several searches.
 //!
-//! - [`climbing`] is quick and incomplete; [`lazy`] is complete.
+//! - [`climbing`] and [`goal_by_goal`] are quick and incomplete; [`lazy`] is complete.
 //! - [`restarts`] adds new searches to one without progress; [`portfolio`] runs two in lockstep.
 //! - [`optimal`] finds a cheapest plan of a small task, with a proof.
 //! - [`improve`] removes superfluous steps of a plan; [`neighborhood`] finds shortcuts.
 
 pub(crate) mod climbing;
+pub(crate) mod goal_by_goal;
 pub(crate) mod improve;
 pub(crate) mod lazy;
 pub(crate) mod neighborhood;

@@ -93,11 +93,11 @@ impl<'r, 't> Restarts<'r, 't> {
     pub(crate) fn new(
         task: &'t Task,
         generator: &'t SuccessorGenerator,
+        ff: FastForward<'t>,
         lists: &'static [List],
         budget: Budget,
         cancel: &'r Cancel,
     ) -> Restarts<'r, 't> {
-        let ff = FastForward::new(task, Weights::Unit);
         let parameters = SearchParameters::greedy(lists);
         let original = LazySearch::new(task, generator, ff, parameters, cancel);
         // A table that grows has up to twice the size that it needs.
@@ -229,9 +229,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::progression::Progression;
-    use crate::state::all_hold;
-    use crate::test_tasks::{task, texts, with_goal};
+    use crate::test_tasks::{assert_reaches_the_goal, task, texts, with_goal};
 
     const LISTS: &[List] = &[List::Ff, List::FfPreferred, List::Landmarks];
 
@@ -253,24 +251,13 @@ mod tests {
             (:goal (and (seen c) (seen e) (at a))))";
         let (task, cancel) = (task(domain, problem), Cancel::new());
         let generator = SuccessorGenerator::new(&task);
-        let mut search = Restarts::new(&task, &generator, LISTS, Budget::default(), &cancel);
+        let ff = FastForward::new(&task, Weights::Unit);
+        let mut search = Restarts::new(&task, &generator, ff, LISTS, Budget::default(), &cancel);
         let limits = RestartLimits { stalled_max: 0, unit: 1_000 };
         let plan = search.run(limits, &mut |_| ()).expect("a plan");
         assert_eq!(search.original.evaluations(), 0, "the original search has not begun");
         assert!(plan.len() >= 6, "{plan:?}");
         assert_reaches_the_goal(&task, &plan);
-    }
-
-    fn assert_reaches_the_goal(task: &Task, plan: &[OperatorId]) {
-        let mut progression = Progression::new(task);
-        let (mut state, mut next) = (progression.initial(), Vec::new());
-        for id in plan {
-            let operator = task.operator(*id);
-            assert!(all_hold(&state, operator.preconditions), "{}", task.step(*id));
-            assert!(progression.apply(operator, &state, &mut next));
-            std::mem::swap(&mut state, &mut next);
-        }
-        assert!(all_hold(&state, &task.goal));
     }
 
     proptest! {
@@ -287,7 +274,8 @@ mod tests {
             let (cancel, budget) = (Cancel::new(), Budget::default());
             let generator = SuccessorGenerator::new(&task);
             let solve = |limits| {
-                let mut search = Restarts::new(&task, &generator, LISTS, budget, &cancel);
+                let ff = FastForward::new(&task, Weights::Unit);
+                let mut search = Restarts::new(&task, &generator, ff, LISTS, budget, &cancel);
                 search.run(limits, &mut |_| ())
             };
             let never = solve(RestartLimits { stalled_max: u64::MAX, unit: 1 });

@@ -143,6 +143,13 @@ impl Relaxation {
         &self.goal
     }
 
+    /// Replaces the goal by other literals that the goal of the task contains.
+    pub(super) fn set_goal(&mut self, goal: &[Literal]) {
+        self.goal = goal.iter().filter_map(|part| self.proposition(*part)).collect();
+        self.goal.sort_unstable();
+        self.goal.dedup();
+    }
+
     pub(super) fn proposition_count(&self) -> usize {
         self.proposition_count
     }
@@ -241,7 +248,7 @@ impl Relaxation {
     }
 
     /// Returns the proposition of a literal; `None` if no condition requires the fact to be false.
-    fn proposition(&self, literal: Literal) -> Option<u32> {
+    pub(super) fn proposition(&self, literal: Literal) -> Option<u32> {
         let fact = literal.fact();
         if literal.is_positive() {
             return Some(fact.0);
