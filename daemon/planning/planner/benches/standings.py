@@ -19,6 +19,8 @@ classical ones. `althing validate` judges the plans; `--time` and the planners m
 that only one planner solves. With --before, the rows of another version, it also names each task that was solved
 there and is not solved here, and ends with exit code 1 if there is one.
 
+The cost of a plan is that of its metric, on the numeric board its number of steps.
+
 The agile score is that of the competitions: 1 for a task solved within a second, then less on a logarithmic scale,
 and 0 at the time limit.
 """
@@ -101,10 +103,18 @@ def play_one(args, board, tree, name, command, task):
     plans.mkdir(parents=True, exist_ok=True)
     command = command.replace("{limit}", f"{args.time - 0.2:g}")
     domain, problem = task
-    row = attempt(command, tree.resolve() / domain, tree.resolve() / problem, args, plans / problem.replace("/", "+"))
+    kept = plans / problem.replace("/", "+")
+    row = attempt(command, tree.resolve() / domain, tree.resolve() / problem, args, kept)
+    if board == NUMERIC and row["cost"] is not None:
+        # ENHSP does not write what a plan costs by the metric.
+        row["cost"] = steps_of(kept.read_text())
     today = datetime.date.today().isoformat()
     with open(args.rows / board / f"{name}.jsonl", "a") as results:
         print(json.dumps({"domain": domain, "problem": problem, **row, "limit": args.time, "date": today}), file=results)
+
+
+def steps_of(plan):
+    return sum("(" in line.split(";")[0] for line in plan.splitlines())
 
 
 def folder_of(key):
@@ -134,7 +144,7 @@ def page_of_board(board, results):
     for name in peers:
         pairs = [(own[key], results[name][key]) for key in shared]
         both = [(a, b) for a, b in pairs if a["solved"] and b["solved"]]
-        lines.append(f"Beside {name}, {len(both)} solved by both: cost {mean_ratio((a['cost'], b['cost']) for a, b in both):.3f}, "
+        lines.append(f"Beside {name}, {len(both)} solved by both: {'steps' if board == NUMERIC else 'cost'} {mean_ratio((a['cost'], b['cost']) for a, b in both):.3f}, "
                      f"time {mean_ratio((a['wall'], b['wall']) for a, b in both):.3f} of its (geometric means of ratios).")
         for side, word in ((True, "Only Althing solves"), (False, f"Only {name} solves")):
             keys = [key[1] for key in shared if own[key]["solved"] == side and results[name][key]["solved"] != side]
