@@ -20,9 +20,9 @@ pub struct Configuration {
 /// Search algorithm of a configuration, with its parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SearchMethod {
-    /// Lazy greedy search with several open lists, which are used in turn. If `climb` is set,
-    /// enforced hill climbing is tried first.
-    Lists { climb: bool, lists: &'static [List] },
+    /// Lazy greedy search with several open lists, which are used in turn. If `is_quick` is set,
+    /// enforced hill climbing is tried first, and then one part of the goal after the other.
+    Lists { is_quick: bool, lists: &'static [List] },
     /// A* with an admissible heuristic.
     AStar { heuristic: Admissible },
 }
@@ -32,11 +32,12 @@ pub(crate) enum SearchMethod {
 pub const CONFIGURATIONS: &[Configuration] = &[
     Configuration {
         name: "althing",
-        summary: "hill climbing; then landmarks, preferred operators, novelty and types take turns",
+        summary: "hill climbing; goal by goal; then landmarks, preferred operators, novelty and types in \
+                  turn",
         heuristics: &["ff", "landmarks", "novelty"],
         optimal: false,
         method: SearchMethod::Lists {
-            climb: true,
+            is_quick: true,
             lists: &[
                 List::Ff,
                 List::FfPreferred,
@@ -54,7 +55,7 @@ pub const CONFIGURATIONS: &[Configuration] = &[
         heuristics: &["ff", "landmarks", "novelty"],
         optimal: false,
         method: SearchMethod::Lists {
-            climb: false,
+            is_quick: false,
             lists: &[List::Ff, List::FfPreferred, List::LandmarksPreferred, List::Novel],
         },
     },
@@ -65,7 +66,7 @@ pub const CONFIGURATIONS: &[Configuration] = &[
         heuristics: &["ff", "landmarks"],
         optimal: false,
         method: SearchMethod::Lists {
-            climb: false,
+            is_quick: false,
             lists: &[List::Ff, List::FfPreferred, List::Landmarks, List::LandmarksPreferred],
         },
     },
@@ -74,7 +75,7 @@ pub const CONFIGURATIONS: &[Configuration] = &[
         summary: "novelty before estimated distance; the second search of two threads",
         heuristics: &["ff", "landmarks", "novelty"],
         optimal: false,
-        method: SearchMethod::Lists { climb: false, lists: EXPLORATION_LISTS },
+        method: SearchMethod::Lists { is_quick: false, lists: EXPLORATION_LISTS },
     },
     Configuration {
         name: "astar-lmcut",

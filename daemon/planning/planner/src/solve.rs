@@ -44,6 +44,10 @@ const PRUNING_MAX: u64 = 300_000_000;
 /// next search begins. The limit is higher if the searches so far made more expansions.
 const STAGE_MIN: u64 = 10_000;
 
+/// The search for one part of the goal after the other may make one of so many expansions of the
+/// limit.
+const QUICK_SHARE: u64 = 4;
+
 /// Number of steps of the search for shortcuts per expansion of the previous searches. Such a step
 /// takes a hundredth of the time of an expansion with its evaluation.
 const SHORTCUTS_PER_EXPANSION: u64 = 8;
@@ -97,6 +101,9 @@ impl<'t> Solver<'t> {
             StopReason::MemoryLimit { .. } => {
                 StopReason::MemoryLimit { limit: self.options.budget.memory_max_bytes }
             }
+            StopReason::ExpansionLimit { .. } => {
+                StopReason::ExpansionLimit { limit: self.options.budget.expansions_max }
+            }
             reason => reason,
         }
     }
@@ -138,7 +145,8 @@ impl<'t> Solver<'t> {
     /// that cover their deficits. Returns [`ClimbingOutcome::GaveUp`] also if the configuration does
     /// not include hill climbing.
     fn climb(&mut self) -> ClimbingOutcome {
-        if !matches!(self.options.configuration.method, SearchMethod::Lists { climb: true, .. }) {
+        if !matches!(self.options.configuration.method, SearchMethod::Lists { is_quick: true, .. })
+        {
             return ClimbingOutcome::GaveUp;
         }
         let mut ff = FastForward::new(self.task, Weights::Unit);
@@ -176,7 +184,7 @@ impl<'t> Solver<'t> {
         tell: &mut dyn FnMut(SearchProgress<'_>),
     ) -> Result<Vec<OperatorId>, StopReason> {
         match self.options.configuration.method {
-            SearchMethod::Lists { climb, lists } => self.search((climb, lists), tell),
+            SearchMethod::Lists { is_quick, lists } => self.search((is_quick, lists), tell),
             SearchMethod::AStar { heuristic } => self.a_star(heuristic, tell),
         }
     }
@@ -218,13 +226,16 @@ impl<'t> Solver<'t> {
         (is_quick, lists): (bool, &'static [List]),
         tell: &mut dyn FnMut(SearchProgress<'_>),
     ) -> Result<Vec<OperatorId>, StopReason> {
-        let (task, generator, budget) = (self.task, &self.generator, self.budget);
+        let (task, generator, mut budget) = (self.task, &self.generator, self.budget);
         let mut ff = FastForward::new(task, Weights::Unit);
         if is_quick && task.goal.len() > 1 {
-            let mut search = GoalByGoal::new(task, generator, &mut ff, (budget, self.cancel));
+            let expansions_max = budget.expansions_max / QUICK_SHARE;
+            let share = Budget { expansions_max, ..budget };
+            let mut search = GoalByGoal::new(task, generator, &mut ff, (share, self.cancel));
             let plan = search.run();
             self.statistics.expansions += search.expansions;
             self.statistics.evaluations += search.evaluations;
+            budget.expansions_max = budget.expansions_max.saturating_sub(search.expansions);
             if let Some(plan) = plan {
                 return Ok(plan);
             }

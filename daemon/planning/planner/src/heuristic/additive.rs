@@ -262,7 +262,7 @@ impl AdditiveHeuristic {
             let base = self.base_costs[relaxed as usize];
             for (proposition, needed) in relaxation.adds_with(relaxed, &self.repetitions) {
                 let further = base.saturating_mul(needed.times - 1);
-                let further = further.saturating_add(needed.used >> self.scale);
+                let further = further.saturating_add(scaled(needed.supply_cost, self.scale));
                 let cost = cost.saturating_add(further).min(COST_MAX);
                 reach(proposition, cost, relaxed, &mut self.reached, &mut self.queue);
             }

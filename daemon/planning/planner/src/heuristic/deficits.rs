@@ -3,7 +3,7 @@
 //! plans refuel once, whatever the length of the journey.
 //!
 //! The margins of a relaxed plan add up what all its steps give and take, in any order. Where the
-//! sum is below the bound, the cheapest operator that raises the margin is added as often as the
+//! sum is below the bound, the cheapest operator that approaches the bound is added as often as the
 //! deficit requires. This may use up something else, so it is repeated for a few rounds.
 
 use super::additive::AdditiveHeuristic;
@@ -30,6 +30,8 @@ pub(super) struct Deficits {
     /// Per condition: the greatest amount that one step of the plan takes from a condition that it
     /// requires itself. The bound need not hold after the last of these steps.
     last_use: Vec<f64>,
+    /// Balances of the goal that the plan does not reach, and for which there is no cover.
+    unmet: Vec<u32>,
 }
 
 /// Relaxed operator that covers a deficit.
@@ -53,6 +55,7 @@ impl Deficits {
             values: Vec::new(),
             sums: Vec::new(),
             last_use: Vec::new(),
+            unmet: Vec::new(),
         })
     }
 
@@ -86,29 +89,54 @@ impl Deficits {
         found: &mut Vec<Cover>,
     ) {
         found.clear();
-        self.add_up(task, plan);
+        self.unmet.clear();
+        let is_goal = |one: &NumericCondition| {
+            one.is_goal && relaxation.goal().binary_search(&one.proposition).is_ok()
+        };
+        self.add_up(task, plan, is_goal);
         for index in 0..self.margins.conditions().len() {
             let condition = &self.margins.conditions()[index];
-            if !is_needed(condition.proposition) {
+            // The goal may be one part of the task's goal now.
+            let is_for_goal = condition.is_goal && !condition.is_inequality();
+            if !is_needed(condition.proposition) || is_for_goal && !is_goal(condition) {
                 continue;
             }
             let sum = condition
                 .margin(|fluent| self.values[fluent as usize] + self.sums[fluent as usize]);
             let sum = sum + self.last_use[index];
-            if condition.is_met(sum) || sum.is_nan() {
+            let unmet = condition.is_balance().then_some(condition.proposition);
+            if sum.is_nan() {
+                self.unmet.extend(unmet);
+                continue;
+            }
+            if condition.is_met(sum) {
                 continue;
             }
             let covers = self.covers((task, relaxation), condition, sum);
             let cost = |cover: &Cover| cost(relaxation, additive, cover, &is_needed);
             let cheapest = covers.filter_map(|cover| Some((cost(&cover)?, cover)));
-            let Some((_, cover)) = cheapest.min_by_key(|(cost, _)| *cost) else { continue };
+            let Some((_, cover)) = cheapest.min_by_key(|(cost, _)| *cost) else {
+                self.unmet.extend(unmet);
+                continue;
+            };
             // One supply covers several bounds of the same number.
             self.add(task.operator(cover.operator), cover.times);
             found.push(cover);
         }
     }
 
-    fn add_up(&mut self, task: &Task, plan: impl Iterator<Item = (OperatorId, u32)>) {
+    /// Returns the goals that require a sum of several numbers to have one value, which the last plan
+    /// does not reach and no operator covers.
+    pub(super) fn unmet(&self) -> &[u32] {
+        &self.unmet
+    }
+
+    fn add_up(
+        &mut self,
+        task: &Task,
+        plan: impl Iterator<Item = (OperatorId, u32)>,
+        is_goal: impl Fn(&NumericCondition) -> bool,
+    ) {
         self.sums.clear();
         self.sums.resize(self.values.len(), 0.0);
         self.last_use.clear();
@@ -119,7 +147,7 @@ impl Deficits {
             for index in self.margins.among(operator.preconditions) {
                 let condition = &self.margins.conditions()[index];
                 let by = change(condition, operator, &self.values);
-                if !condition.is_goal && by < 0.0 {
+                if !is_goal(condition) && by < 0.0 {
                     self.last_use[index] = self.last_use[index].max(-by);
                 }
             }
@@ -137,7 +165,7 @@ impl Deficits {
         }
     }
 
-    /// Returns each operator that raises the margin of a condition, as often as it takes from
+    /// Returns each operator that approaches the bound of a condition, as often as it takes from
     /// `margin` to the bound.
     fn covers(
         &self,
@@ -167,7 +195,7 @@ impl Deficits {
     }
 }
 
-/// Returns the amount by which one application of an operator raises the margin of a condition in
+/// Returns the amount by which one application of an operator approaches the bound of a condition in
 /// the evaluated state, without conditional effects. The amount is not a number if it is not known.
 fn change(condition: &NumericCondition, operator: GroundOperator<'_>, values: &[f64]) -> f64 {
     let changes = operator.effect.numeric.iter();

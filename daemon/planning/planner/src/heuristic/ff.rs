@@ -52,7 +52,8 @@ pub(crate) struct FastForward<'t> {
     covers: Vec<Cover>,
     /// Goals that require a sum of several numbers to have one value.
     balances: Vec<u32>,
-    /// Cost of the last relaxed plan before its deficits were covered.
+    /// Cost of the last relaxed plan before its deficits were covered. Each balance that does not hold
+    /// counts as one.
     plain_estimate: u64,
 }
 
@@ -189,8 +190,7 @@ impl<'t> FastForward<'t> {
         self.helpful.sort_unstable();
         self.helpful.dedup();
         self.preferred.append(&mut self.helpful);
-        // No operator may have been found for a balance.
-        cost.max(unbalanced.min(1))
+        cost
     }
 
     /// Adds the supporters of all waiting propositions to the relaxed plan, with what these require
@@ -227,9 +227,8 @@ impl<'t> FastForward<'t> {
         let Some(deficits) = &self.deficits else { return false };
         deficits.approaching(proposition).iter().any(|&relaxed| {
             let known = self.relaxation.origin(relaxed).map_or(0, |operator| self.times(operator));
-            known > 0
-                && self.additive.repetitions_of(&self.relaxation, relaxed, proposition).times
-                    <= known
+            let needed = self.additive.repetitions_of(&self.relaxation, relaxed, proposition);
+            known >= needed.times && !needed.is_detour
         })
     }
 
@@ -275,7 +274,7 @@ impl<'t> FastForward<'t> {
             let covers = self.find_covers();
             if covers.is_empty() {
                 self.covers = covers;
-                return cost;
+                break;
             }
             for Cover { proposition, relaxed, operator, times } in &covers {
                 self.note_helpful(*proposition, state);
@@ -288,7 +287,15 @@ impl<'t> FastForward<'t> {
             self.covers = covers;
             cost = cost.saturating_add(self.support_waiting(state, true));
         }
-        cost
+        cost.saturating_add(self.support_balances(state))
+    }
+
+    /// Adds the supporters of balances that no operator covers, such as one that an assignment reaches.
+    /// Returns their cost.
+    fn support_balances(&mut self, state: &State) -> u64 {
+        let unmet = self.deficits.iter().flat_map(|one| one.unmet());
+        self.waiting.extend(unmet);
+        self.support_waiting(state, false)
     }
 
     fn find_covers(&mut self) -> Vec<Cover> {
@@ -466,5 +473,27 @@ mod tests {
         let task = watering([(0, 3), (60, 0)], 3, "(and (>= (poured) 2) (= (poured) (loaded)))");
         let mut ff = FastForward::new(&task, Weights::Unit);
         assert_eq!(ff.evaluate(&Progression::new(&task).initial()), Some(3 + 6));
+    }
+
+    /// No sum of changes says what an assignment or a conditional change does.
+    #[test]
+    fn a_balance_that_no_sum_reaches_has_a_supporter() {
+        for effect in ["(assign (x) (y))", "(when (on) (increase (x) 7))"] {
+            let domain = format!(
+                "(define (domain d) (:types place) (:predicates (at ?p - place) (on))
+                (:functions (x) (y) (spent)) (:constants shop - place)
+                (:action go :parameters (?p ?q - place) :precondition (at ?p)
+                    :effect (and (not (at ?p)) (at ?q)))
+                (:action switch :parameters () :effect (on))
+                (:action set :parameters () :precondition (at shop) :effect {effect}))"
+            );
+            let problem = "(define (problem p) (:domain d) (:objects home - place)
+                (:init (at home) (= (x) 0) (= (y) 7) (= (spent) 0)) (:goal (= (x) (y))))";
+            let task = task(&domain, problem);
+            let mut ff = FastForward::new(&task, Weights::Unit);
+            let estimate = ff.evaluate(&Progression::new(&task).initial());
+            assert!(estimate >= Some(2), "{effect}: {estimate:?}");
+            assert!(preferred(&task).contains(&"(go home shop)".to_owned()), "{effect}");
+        }
     }
 }

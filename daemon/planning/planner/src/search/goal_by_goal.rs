@@ -25,6 +25,9 @@ const PARTS_MAX: usize = 4;
 /// Maximum number of evaluations of the search for one part.
 const PART_EVALUATIONS_MAX: u64 = 3_000;
 
+/// Maximum number of steps of the search for one part. Most of them lead to known states then.
+const PART_STEPS_MAX: u64 = 100_000;
+
 /// Maximum number of evaluations of the searches for all parts.
 const EVALUATIONS_MAX: u64 = 100_000;
 
@@ -111,6 +114,9 @@ impl<'t, 'h> GoalByGoal<'t, 'h> {
     /// Searches for a state with the parts of the goal that `from` has, and one more. The whole goal
     /// must be reachable from there in the delete relaxation.
     fn add_part(&mut self, from: &State) -> Option<Stretch> {
+        if self.is_over() {
+            return None;
+        }
         self.ff.set_goal(&self.task.goal);
         self.evaluate(from)?;
         let (mut parts, missing): (Vec<Literal>, Vec<Literal>) =
@@ -119,6 +125,9 @@ impl<'t, 'h> GoalByGoal<'t, 'h> {
             missing.into_iter().map(|part| (self.ff.part_cost(part), part)).collect();
         missing.sort_by_key(|(cost, part)| (*cost, part.index()));
         for (_, part) in missing.into_iter().take(PARTS_MAX) {
+            if self.is_over() {
+                return None;
+            }
             parts.push(part);
             if let Some((steps, next)) = self.search(from, &parts) {
                 self.ff.set_goal(&self.task.goal);
@@ -129,6 +138,12 @@ impl<'t, 'h> GoalByGoal<'t, 'h> {
             parts.pop();
         }
         None
+    }
+
+    /// Whether no further part may be tried.
+    fn is_over(&self) -> bool {
+        let is_limited = || limit_reached(self.budget, self.expansions, 0, self.cancel).is_some();
+        self.evaluations >= self.evaluations_max || is_limited()
     }
 
     fn evaluate(&mut self, state: &State) -> Option<u64> {
@@ -145,7 +160,10 @@ impl<'t, 'h> GoalByGoal<'t, 'h> {
         let mut lists = PartLists::new();
         lists.push(StateId(0), Some(estimate), self.ff.preferred());
         let mut successor = Vec::new();
-        while self.evaluations < evaluations_max {
+        for _ in 0..PART_STEPS_MAX {
+            if self.evaluations >= evaluations_max {
+                return None;
+            }
             let bytes = space.bytes() + lists.bytes() + self.ff.bytes();
             if limit_reached(self.budget, self.expansions, bytes, self.cancel).is_some() {
                 return None;
@@ -200,8 +218,8 @@ impl PartLists {
         self.preferred.push((estimate, 0, 0), state);
     }
 
-    /// Returns the next operator of a state; `None` if both lists are empty. `applicable` computes all
-    /// operators of a state.
+    /// Returns the next operator of a state; `None` if no list has one. `applicable` computes all
+    /// operators of a state, which include the preferred ones.
     fn pop(&mut self, applicable: impl FnMut(StateId, &mut Vec<OperatorId>)) -> Option<OpenEntry> {
         if self.ahead <= 0 {
             let operators = &self.operators;
@@ -266,7 +284,7 @@ mod tests {
         assert!(evaluations < 8 * plan.len() as u64, "{evaluations}");
     }
 
-    /// The key that opens both doors breaks in the first one.
+    /// The key breaks in the first door, and the left door takes the spare one, too.
     #[test]
     fn a_part_after_which_the_goal_is_out_of_reach_is_not_added() {
         let domain = "(define (domain d) (:predicates (key) (spare) (left) (right))
@@ -274,13 +292,66 @@ mod tests {
               :effect (and (left) (not (key)) (not (spare))))
             (:action open-right :parameters () :precondition (key) :effect (and (right) (not (key))))
             (:action take :parameters () :precondition (spare) :effect (key)))";
-        let problem = "(define (problem p) (:domain d) (:init (key) (spare))
-            (:goal (and (left) (right))))";
-        let task = task(domain, problem);
-        let plan = plan(&task).0.expect("a plan");
-        assert_reaches_the_goal(&task, &plan);
-        let steps: Vec<String> = plan.iter().map(|id| task.step(*id).to_string()).collect();
-        assert_eq!(steps, ["(open-right)", "(take)", "(open-left)"]);
+        // One of the two orders of the parts tries the left door first.
+        for [one, other] in [["left", "right"], ["right", "left"]] {
+            let domain = domain.replace("(left) (right)", &format!("({one}) ({other})"));
+            let problem = format!(
+                "(define (problem p) (:domain d) (:init (key) (spare))
+                (:goal (and ({one}) ({other}))))"
+            );
+            let task = task(&domain, &problem);
+            let plan = plan(&task).0.expect("a plan");
+            assert_reaches_the_goal(&task, &plan);
+            let steps: Vec<String> = plan.iter().map(|id| task.step(*id).to_string()).collect();
+            assert_eq!(steps, ["(open-right)", "(take)", "(open-left)"]);
+        }
+    }
+
+    /// Each of two rooms is entered only from the other one.
+    fn swaps() -> Task {
+        let domain = "(define (domain d) (:predicates (in ?x) (marked ?x) (next ?x ?y))
+            (:action go :parameters (?x ?y) :precondition (and (in ?x) (next ?x ?y))
+              :effect (and (not (in ?x)) (in ?y) (marked ?y) (not (marked ?x)))))";
+        let problem = "(define (problem p) (:domain d) (:objects a b c)
+            (:init (in a) (next a b) (next b c) (next c a))
+            (:goal (and (marked a) (marked b) (marked c))))";
+        task(domain, problem)
+    }
+
+    #[test]
+    fn the_heuristic_has_the_whole_goal_after_a_failed_search() {
+        let task = swaps();
+        let (generator, budget, cancel) =
+            (SuccessorGenerator::new(&task), Budget::default(), Cancel::new());
+        let mut ff = FastForward::new(&task, Weights::Unit);
+        assert_eq!(GoalByGoal::new(&task, &generator, &mut ff, (budget, &cancel)).run(), None);
+        let initial = Progression::new(&task).initial();
+        let mut fresh = FastForward::new(&task, Weights::Unit);
+        assert_eq!(ff.evaluate(&initial), fresh.evaluate(&initial));
+        assert_eq!(ff.preferred(), fresh.preferred());
+        assert_eq!(ff.relaxed_plan(), fresh.relaxed_plan());
+    }
+
+    #[test]
+    fn the_limits_of_a_call_are_kept() {
+        let task = swaps();
+        let generator = SuccessorGenerator::new(&task);
+        let evaluations = |budget, cancel: &Cancel| {
+            let mut ff = FastForward::new(&task, Weights::Unit);
+            let mut search = GoalByGoal::new(&task, &generator, &mut ff, (budget, cancel));
+            assert_eq!(search.run(), None);
+            (search.evaluations, search.expansions)
+        };
+        let cancelled = Cancel::new();
+        cancelled.set();
+        assert_eq!(evaluations(Budget::default(), &cancelled), (0, 0));
+        let none = Budget { expansions_max: 0, ..Budget::default() };
+        assert_eq!(evaluations(none, &Cancel::new()), (0, 0));
+        let few = Budget { expansions_max: 2, ..Budget::default() };
+        assert_eq!(evaluations(few, &Cancel::new()).1, 2);
+        let small = Budget { memory_max_bytes: 1, ..Budget::default() };
+        assert_eq!(evaluations(small, &Cancel::new()).1, 0);
+        assert!(evaluations(Budget::default(), &Cancel::new()).1 > 2);
     }
 
     proptest! {

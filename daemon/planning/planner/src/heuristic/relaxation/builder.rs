@@ -151,6 +151,9 @@ impl<'t> RelaxationBuilder<'t> {
 
     /// Passes on what operators use up to their numeric steps.
     fn note_supplies(&mut self) {
+        if self.used_up.is_empty() {
+            return;
+        }
         let mut cheapest: FxHashMap<(u32, bool), f64> = FxHashMap::default();
         let mut of_relaxed: FxHashMap<u32, Vec<u32>> = FxHashMap::default();
         for (&(relaxed, _), &step) in &self.steps {
@@ -161,7 +164,7 @@ impl<'t> RelaxationBuilder<'t> {
             *known = known.min(cost);
         }
         for (relaxed, supplies) in std::mem::take(&mut self.used_up) {
-            let steps = of_relaxed.remove(&relaxed).unwrap_or_default();
+            let Some(steps) = of_relaxed.remove(&relaxed) else { continue };
             self.numbers.note_supplies(supplies, steps.into_iter(), &cheapest);
         }
     }

@@ -11,8 +11,9 @@ const EPSILON: f64 = 1e-6;
 /// Entry in place of a condition.
 const NO_CONDITION: u32 = u32::MAX;
 
-/// The numeric conditions of a task that are linear inequalities. Each has a margin: the distance
-/// from its bound, which is negative if the condition does not hold.
+/// The numeric conditions of a task that are linear inequalities, and its goals that are linear
+/// equalities. Each has a margin: the distance from its bound, which is negative if an inequality does
+/// not hold, and not zero if an equality does not.
 #[derive(Debug)]
 pub(in crate::heuristic) struct Margins {
     conditions: Vec<NumericCondition>,
@@ -108,18 +109,19 @@ impl NumericCondition {
         self.constant + sum
     }
 
-    /// Returns the number of changes by `by`, which raise the margin, from `margin` to the bound.
+    /// Returns the number of changes by `by`, which approach the bound, from `margin` to it.
     pub(in crate::heuristic) fn times(&self, margin: f64, by: f64) -> u32 {
-        times(self.wanted, margin, by)
+        times(self.wanted, margin, by).unwrap_or(1)
     }
 
-    /// Whether a margin is beyond the bound, with a tolerance, since sums of decimal fractions are not
+    /// Whether the condition holds at a margin, with a tolerance, since sums of decimal fractions are not
     /// exact.
     pub(in crate::heuristic) fn is_met(&self, margin: f64) -> bool {
         match self.wanted {
             RequiredDistance::AboveZero => margin > EPSILON,
             RequiredDistance::Zero => margin.abs() <= EPSILON,
-            _ => margin >= -EPSILON,
+            RequiredDistance::AtLeastZero => margin >= -EPSILON,
+            RequiredDistance::NotZero => margin.abs() > EPSILON,
         }
     }
 
@@ -131,9 +133,14 @@ impl NumericCondition {
         }
     }
 
+    pub(in crate::heuristic) fn is_inequality(&self) -> bool {
+        self.wanted != RequiredDistance::Zero
+    }
+
     /// Whether the condition requires a sum of several numbers to have one value.
     pub(in crate::heuristic) fn is_balance(&self) -> bool {
-        self.wanted == RequiredDistance::Zero && self.weights.len() > 1
+        let weights = self.weights.iter().filter(|(_, weight)| *weight != 0.0);
+        self.wanted == RequiredDistance::Zero && weights.count() > 1
     }
 
     /// Returns the weight of a fluent; `None` if the condition does not read it.

@@ -33,8 +33,8 @@ const AXIOM: u32 = u32::MAX;
 /// Entry in place of a step, for an addition that one application of its operator achieves.
 const NO_STEP: u32 = u32::MAX;
 
-/// Repetitions of an operator that one application suffices for.
-pub(super) const ONCE: Repetitions = Repetitions { times: 1, used: 0 };
+/// One application of an operator, which uses up nothing that must be got.
+pub(super) const ONCE: Repetitions = Repetitions { times: 1, is_detour: false, supply_cost: 0 };
 
 /// Weight of an operator in a search or heuristic. If all operators of a task have the same cost,
 /// each of them has the weight one.

@@ -50,8 +50,10 @@ struct NumericStep {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::heuristic) struct Repetitions {
     pub(in crate::heuristic) times: u32,
+    /// Whether the operator does not approach the bound in this state, so that the number is a guess.
+    pub(in crate::heuristic) is_detour: bool,
     /// Cost of getting what the repetitions use up, beyond what there is.
-    pub(in crate::heuristic) used: u32,
+    pub(in crate::heuristic) supply_cost: u64,
 }
 
 /// Entry in place of supplies, for an operator that uses up nothing that it requires.
@@ -61,6 +63,7 @@ const NO_SUPPLIES: u32 = u32::MAX;
 #[derive(Clone, Debug)]
 pub(super) struct Supply {
     comparison: u32,
+    /// The distance of the comparison, times this sign, is what there is.
     sign: f64,
     /// Amount that each application uses up.
     by: f64,
@@ -109,9 +112,9 @@ impl NumericSteps {
         NumericSteps { comparisons: comparisons.to_vec(), weights, ..NumericSteps::default() }
     }
 
-    /// Returns 1 if the distance must grow for the comparison to be true (or to be false, if `truth`
-    /// is false), and −1 if it must shrink; and what it must be then. Returns `None` if the comparison
-    /// is not linear, or excludes one number only.
+    /// Returns what the distance must be for the comparison to be true (or to be false, if `truth` is
+    /// false), after multiplication by the returned sign: −1 if it must shrink, otherwise 1. Returns
+    /// `None` if the comparison is not linear, or is an inequation (≠).
     pub(super) fn bound(&self, comparison: usize, truth: bool) -> Option<(f64, RequiredDistance)> {
         self.weights[comparison].as_ref()?;
         let (wanted, sign) = wanted(self.comparisons[comparison].comparison, truth);
@@ -170,7 +173,11 @@ impl NumericSteps {
         truth: bool,
         changes: &[NumericChange],
     ) -> Option<Supply> {
-        let (sign, _) = self.bound(comparison, truth)?;
+        let (sign, wanted) = self.bound(comparison, truth)?;
+        // An equality is required for a moment only, and left in both directions.
+        if wanted == RequiredDistance::Zero {
+            return None;
+        }
         let DistanceChange::Constant(by) = self.change(comparison, changes, 0) else { return None };
         let by = -by * sign;
         let comparison = comparison as u32;
@@ -236,14 +243,16 @@ impl NumericSteps {
         found.clear();
         found.extend({ self.steps.iter() }.map(|step| {
             let distance = distances[step.comparison as usize] * step.sign;
-            let times = step.repetitions(distance, &changes);
-            Repetitions { times, used: self.supply_cost(step, times, &distances) }
+            let found = step.repetitions(distance, &changes);
+            let (times, is_detour) = (found.unwrap_or(DETOUR), found.is_none());
+            let supply_cost = self.supply_cost(step, times, &distances);
+            Repetitions { times, is_detour, supply_cost }
         }));
     }
 
     /// Returns the cost of getting what `times` applications of a step's operator use up, beyond what
     /// there is.
-    fn supply_cost(&self, step: &NumericStep, times: u32, distances: &[f64]) -> u32 {
+    fn supply_cost(&self, step: &NumericStep, times: u32, distances: &[f64]) -> u64 {
         let Some(supplies) = self.supplies.get(step.supplies as usize) else { return 0 };
         let cost: f64 = { supplies.iter() }
             .map(|one| {
@@ -251,23 +260,23 @@ impl NumericSteps {
                 (one.by * f64::from(times - 1) - there).max(0.0) * one.unit_cost
             })
             .sum();
-        cost.min(f64::from(REPETITIONS_MAX)) as u32
+        cost as u64
     }
 }
 
 // === impl NumericStep ===
 
 impl NumericStep {
-    /// Returns the number of repetitions that cover `distance`. `changes` contains the current
-    /// amount of each state-dependent change.
-    fn repetitions(&self, distance: f64, changes: &[f64]) -> u32 {
+    /// Returns the number of repetitions that cover `distance`; `None` if other steps must come first.
+    /// `changes` contains the current amount of each state-dependent change.
+    fn repetitions(&self, distance: f64, changes: &[f64]) -> Option<u32> {
         match &self.change {
-            DistanceChange::Unknown => 1,
+            DistanceChange::Unknown => Some(1),
             DistanceChange::Constant(by) => times(self.wanted, distance, by * self.sign),
             DistanceChange::Depends { parts, is_once } => {
                 let by = parts.iter().map(|(weight, index)| weight * changes[*index as usize]);
                 match times(self.wanted, distance, by.sum::<f64>() * self.sign) {
-                    more if *is_once && more > 1 => DETOUR,
+                    Some(more) if *is_once && more > 1 => None,
                     other => other,
                 }
             }
@@ -275,21 +284,22 @@ impl NumericStep {
     }
 }
 
-/// Returns the number of changes by `by` until `distance` has the value that `wanted` requires.
-pub(super) fn times(wanted: RequiredDistance, distance: f64, by: f64) -> u32 {
+/// Returns the number of changes by `by` until `distance` has the value that `wanted` requires; `None`
+/// if the changes do not approach it.
+pub(super) fn times(wanted: RequiredDistance, distance: f64, by: f64) -> Option<u32> {
     if distance.is_nan() || by.is_nan() {
-        return 1;
+        return Some(1);
     }
     let missing = match wanted {
-        RequiredDistance::NotZero => return 1,
+        RequiredDistance::NotZero => return Some(1),
         RequiredDistance::AtLeastZero | RequiredDistance::Zero => -distance / by,
         // The distance must end strictly above zero.
         RequiredDistance::AboveZero => (-distance / by).floor() + 1.0,
     };
     if by == 0.0 || missing < -EPSILON {
-        return DETOUR;
+        return None;
     }
-    ((missing - EPSILON).ceil().max(1.0) as u32).min(REPETITIONS_MAX)
+    Some(((missing - EPSILON).ceil().max(1.0) as u32).min(REPETITIONS_MAX))
 }
 
 fn wanted(comparison: Comparison, truth: bool) -> (RequiredDistance, f64) {
@@ -392,7 +402,7 @@ mod tests {
     #[track_caller]
     fn check(comparison: Comparison, truth: bool, distance: f64, by: f64, expected: u32) {
         let (wanted, sign) = wanted(comparison, truth);
-        assert_eq!(times(wanted, distance * sign, by * sign), expected);
+        assert_eq!(times(wanted, distance * sign, by * sign).unwrap_or(DETOUR), expected);
     }
 
     #[test]
