@@ -10,7 +10,7 @@ use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rustix::net::sockopt::set_socket_reuseaddr;
 use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, socket_with};
@@ -104,8 +104,18 @@ impl Broker {
     }
 
     pub(crate) fn restart(&mut self) {
-        self.held = None;
-        self.child = Broker::begin(&self.folder).expect("its port is still free");
+        // A connection of another process may have taken the port as its own for a moment. No event
+        // tells when it is free again.
+        let until = Instant::now() + BEGIN_MAX;
+        loop {
+            self.held = None;
+            if let Some(child) = Broker::begin(&self.folder) {
+                self.child = child;
+                return;
+            }
+            assert!(Instant::now() < until, "the port {} is taken", self.port);
+            std::thread::sleep(Duration::from_millis(100));
+        }
     }
 
     pub(crate) fn port(&self) -> u16 {

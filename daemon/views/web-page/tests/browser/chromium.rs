@@ -26,6 +26,9 @@ const SCRIPT_LIMIT_MS: u64 = 30_000;
 /// Frames for which an element stays where it is before it is clicked.
 const STILL_FRAMES: u32 = 4;
 
+/// Maximum number of clicks on an element that moves before each of them.
+const CLICKS_MAX: u32 = 5;
+
 /// One browser runs at a time: they would take the cores from each other.
 static ONE: Mutex<()> = Mutex::new(());
 
@@ -344,16 +347,44 @@ impl Chromium {
         self.call("Input.insertText", json!({ "text": text }));
     }
 
-    /// Clicks the first element of a selector, with a text if one is given, as a finger does.
+    /// Clicks the first element of a selector, with a text if one is given, as a finger does. A page
+    /// may move the element after all, so the click is repeated if something else was hit.
     #[track_caller]
     pub(crate) fn click(&mut self, selector: &str, text: &str) {
-        let find = format!(
-            "[...document.querySelectorAll({selector:?})].find((one) => one.innerText.includes({text:?}) && !one.disabled)"
-        );
-        self.wait_for(&find);
-        // A page that is being filled moves what is on it: the place is taken when it stays for some
-        // frames.
-        let at = self.evaluate(&format!(
+        let is_meant = format!("one.innerText.includes({text:?}) && !one.disabled");
+        let find =
+            format!("[...document.querySelectorAll({selector:?})].find((one) => {is_meant})");
+        for _ in 0..CLICKS_MAX {
+            self.wait_for(&find);
+            let at = self.place_of(&find);
+            self.evaluate(&format!(
+                "(() => {{
+                    window.isHit = false;
+                    document.addEventListener('click', (event) => {{
+                        const one = event.target.closest({selector:?});
+                        window.isHit = Boolean(one && {is_meant});
+                    }}, {{ capture: true, once: true }});
+                }})()"
+            ));
+            for kind in ["mousePressed", "mouseReleased"] {
+                let event = json!({
+                    "type": kind, "x": at[0], "y": at[1], "button": "left", "clickCount": 1,
+                });
+                self.call("Input.dispatchMouseEvent", event);
+            }
+            // After a link to another document, the window is a new one.
+            if self.evaluate("window.isHit ?? true") != json!(false) {
+                return;
+            }
+        }
+        panic!("{selector} {text:?} moves before each click");
+    }
+
+    /// Returns the middle of the element that a script finds. A page that is being filled moves what is
+    /// on it: the place is taken when it stays for some frames.
+    #[track_caller]
+    fn place_of(&mut self, find: &str) -> Value {
+        self.evaluate(&format!(
             "new Promise((done) => {{
                 let before = '', same = 0;
                 const look = () => {{
@@ -368,13 +399,7 @@ impl Chromium {
                 }};
                 look();
             }})"
-        ));
-        for kind in ["mousePressed", "mouseReleased"] {
-            let event = json!({
-                "type": kind, "x": at[0], "y": at[1], "button": "left", "clickCount": 1,
-            });
-            self.call("Input.dispatchMouseEvent", event);
-        }
+        ))
     }
 
     /// Makes sure that the pages have made no mistake so far.
