@@ -270,7 +270,8 @@ function take({ topic: name, data }) {
   }
   noteServerTime(event.now);
   watchers.get(name)?.(event);
-  const followed = topics.get(name);
+  // What every page needs may come before the first component that shows it, and comes once only.
+  const followed = ALWAYS.includes(name) ? topic(name) : topics.get(name);
   if (!followed) return;
   followed.take(event);
   changed.add(followed);
