@@ -95,6 +95,15 @@ pub(crate) fn with_goal(actions: &[String], initial: &[&str], goal: &str) -> Opt
     grounded(&domain, &problem)
 }
 
+/// Generates a goal of several parts for [`with_goal`].
+pub(crate) fn conjunction() -> impl Strategy<Value = &'static str> {
+    prop_oneof![
+        Just("(and (z) (p a) (not (q b)))"),
+        Just("(and (r a b) (r b a) (q a))"),
+        Just("(and (p b) (not (z)))"),
+    ]
+}
+
 /// Generates one of a few atoms. Its arguments are constants or the parameters `?v0` and `?v1`.
 fn atom() -> impl Strategy<Value = String> {
     let term = || prop_oneof![Just("?v0"), Just("?v1"), Just("a"), Just("b")];

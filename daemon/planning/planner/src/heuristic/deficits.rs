@@ -97,8 +97,8 @@ impl Deficits {
         for index in 0..self.margins.conditions().len() {
             let condition = &self.margins.conditions()[index];
             // The goal may be one part of the task's goal now.
-            let is_for_goal = condition.is_goal && !condition.is_inequality();
-            if !is_needed(condition.proposition) || is_for_goal && !is_goal(condition) {
+            let is_of_another_part = !condition.is_inequality() && !is_goal(condition);
+            if !is_needed(condition.proposition) || is_of_another_part {
                 continue;
             }
             let sum = condition

@@ -11,6 +11,7 @@
 
 use super::limit_reached;
 use super::open::{OpenEntry, OpenList};
+use super::preferred::Preferred;
 use crate::heuristic::{Evaluator, FastForward};
 use crate::limits::{Budget, Cancel};
 use crate::progression::Progression;
@@ -61,10 +62,7 @@ type Stretch = (Vec<OperatorId>, Vec<u64>);
 struct PartLists {
     all: OpenList,
     preferred: OpenList,
-    /// Per state: its preferred operators.
-    operators: Vec<Vec<OperatorId>>,
-    /// Sum of the lengths of `operators`.
-    operator_count: usize,
+    operators: Preferred,
     /// Turns of `preferred` less turns of `all`.
     ahead: i64,
     lowest: u64,
@@ -197,19 +195,17 @@ impl PartLists {
         PartLists {
             all: OpenList::default(),
             preferred: OpenList::default(),
-            operators: Vec::new(),
-            operator_count: 0,
+            operators: Preferred::default(),
             ahead: 0,
             lowest: u64::MAX,
         }
     }
 
-    /// Adds the next state, with its estimate and its preferred operators. A state without an estimate
-    /// is a dead end; it is only counted, so that the index of a state stays equal to its id.
+    /// Adds a state, with its estimate and its preferred operators. A state without an estimate is a
+    /// dead end, and is left out.
     fn push(&mut self, state: StateId, estimate: Option<u64>, preferred: &[OperatorId]) {
-        let Some(estimate) = estimate else { return self.operators.push(Vec::new()) };
-        self.operators.push(preferred.to_vec());
-        self.operator_count += preferred.len();
+        let Some(estimate) = estimate else { return };
+        self.operators.set(state, preferred, preferred.len());
         if estimate < self.lowest {
             self.lowest = estimate;
             self.ahead -= BOOST;
@@ -224,7 +220,7 @@ impl PartLists {
         if self.ahead <= 0 {
             let operators = &self.operators;
             let found = self.preferred.pop(|state, found| {
-                found.extend_from_slice(&operators[state.0 as usize]);
+                found.extend_from_slice(operators.all(state));
             });
             if found.is_some() {
                 self.ahead += 1;
@@ -237,10 +233,7 @@ impl PartLists {
 
     /// Returns the number of bytes of the lists.
     fn bytes(&self) -> usize {
-        self.all.bytes()
-            + self.preferred.bytes()
-            + self.operators.capacity() * size_of::<Vec<OperatorId>>()
-            + self.operator_count * size_of::<OperatorId>()
+        self.all.bytes() + self.preferred.bytes() + self.operators.bytes()
     }
 }
 
@@ -250,7 +243,7 @@ mod tests {
 
     use super::*;
     use crate::heuristic::Weights;
-    use crate::test_tasks::{assert_reaches_the_goal, task, texts, with_goal};
+    use crate::test_tasks::{assert_reaches_the_goal, conjunction, task, texts, with_goal};
 
     fn plan(task: &Task) -> (Option<Vec<OperatorId>>, u64) {
         let generator = SuccessorGenerator::new(task);
@@ -358,11 +351,7 @@ mod tests {
         #[test]
         fn a_plan_reaches_the_goal(
             (actions, initial) in texts(),
-            goal in prop_oneof![
-                Just("(and (z) (p a) (not (q b)))"),
-                Just("(and (r a b) (r b a) (q a))"),
-                Just("(and (p b) (not (z)))"),
-            ],
+            goal in conjunction(),
         ) {
             let Some(task) = with_goal(&actions, &initial, goal) else { return Ok(()) };
             if let (Some(plan), _) = plan(&task) {

@@ -21,6 +21,7 @@
 use std::sync::Arc;
 
 use super::open::{OpenEntry, OpenList};
+use super::preferred::Preferred;
 use super::types::TypeList;
 use super::{Search, SearchStep};
 use crate::arena;
@@ -132,15 +133,6 @@ struct Lowest {
 struct PathCost {
     cost: u64,
     weight: u64,
-}
-
-/// Preferred operators of every evaluated state.
-#[derive(Debug, Default)]
-struct Preferred {
-    /// Per state: where its operators begin in `operators`, where those of the relaxed plan before
-    /// deficits were covered end, and where all end.
-    ranges: Vec<(u32, u32, u32)>,
-    operators: Vec<OperatorId>,
 }
 
 // === impl SearchParameters ===
@@ -444,39 +436,5 @@ impl Search for LazySearch<'_> {
         } else {
             StopReason::Exhausted
         }
-    }
-}
-
-// === impl Preferred ===
-
-impl Preferred {
-    /// Stores the preferred operators of a state. The first `plain_count` are those of its
-    /// relaxed plan before deficits were covered.
-    fn set(&mut self, state: StateId, operators: &[OperatorId], plain_count: usize) {
-        let start = self.operators.len();
-        arena::make_room(&mut self.operators, operators.len());
-        self.operators.extend_from_slice(operators);
-        let index = state.0 as usize;
-        if index >= self.ranges.len() {
-            let more = index + 1 - self.ranges.len();
-            arena::make_room(&mut self.ranges, more);
-            self.ranges.resize(index + 1, (0, 0, 0));
-        }
-        let ends = (start + plain_count, self.operators.len());
-        self.ranges[index] = (start as u32, ends.0 as u32, ends.1 as u32);
-    }
-
-    fn plain(&self, state: StateId) -> &[OperatorId] {
-        let (start, end, _) = self.ranges[state.0 as usize];
-        &self.operators[start as usize..end as usize]
-    }
-
-    fn all(&self, state: StateId) -> &[OperatorId] {
-        let (start, _, end) = self.ranges[state.0 as usize];
-        &self.operators[start as usize..end as usize]
-    }
-
-    fn bytes(&self) -> usize {
-        arena::bytes(&self.ranges, 1) + arena::bytes(&self.operators, 1)
     }
 }

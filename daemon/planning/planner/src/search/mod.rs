@@ -17,6 +17,7 @@ mod open;
 pub(crate) mod optimal;
 mod outlook;
 pub(crate) mod portfolio;
+mod preferred;
 pub(crate) mod restarts;
 mod types;
 

@@ -229,7 +229,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::test_tasks::{assert_reaches_the_goal, task, texts, with_goal};
+    use crate::test_tasks::{assert_reaches_the_goal, conjunction, task, texts, with_goal};
 
     const LISTS: &[List] = &[List::Ff, List::FfPreferred, List::Landmarks];
 
@@ -264,11 +264,7 @@ mod tests {
         #[test]
         fn restarts_change_neither_what_is_possible_nor_what_is_proved(
             (actions, initial) in texts(),
-            goal in prop_oneof![
-                Just("(and (z) (p a) (not (q b)))"),
-                Just("(and (r a b) (r b a) (q a))"),
-                Just("(and (p b) (not (z)))"),
-            ],
+            goal in conjunction(),
         ) {
             let Some(task) = with_goal(&actions, &initial, goal) else { return Ok(()) };
             let (cancel, budget) = (Cancel::new(), Budget::default());

@@ -67,7 +67,8 @@ pub(super) struct Supply {
     sign: f64,
     /// Amount that each application uses up.
     by: f64,
-    /// Lowest cost of getting one unit back, by an operator whose preconditions hold.
+    /// Cost of one unit, from the operator that adds it at the lowest cost, without the costs of its
+    /// preconditions.
     unit_cost: f64,
 }
 
