@@ -2,7 +2,8 @@
 //!
 //! 1. Enforced hill climbing (`search::climbing`), which solves most tasks of buildings.
 //! 2. Pruning of facts and operators that no plan can use (`prune`).
-//! 3. A search for one part of the goal after the other (`search::goal_by_goal`).
+//! 3. A search for one part of the goal after the other (`search::goal_by_goal`), and for shortcuts
+//!    near its plan (`search::neighborhood`).
 //! 4. Search with several open lists (`search::lazy`), on one thread with restarts
 //!    (`search::restarts`), or on two in parallel (`search::portfolio`).
 //! 5. Removal of superfluous steps of the plan (`search::improve`).
@@ -47,6 +48,12 @@ const STAGE_MIN: u64 = 10_000;
 /// The search for one part of the goal after the other may make one of so many expansions of the
 /// limit.
 const QUICK_SHARE: u64 = 4;
+
+/// Limits on the search for shortcuts after it: the steps of each round, the words of states that
+/// these copy, and the rounds. They allow some hundredths of a second.
+const QUICK_SHORTCUTS_MAX: u64 = 40_000;
+const QUICK_SHORTCUT_WORDS_MAX: u64 = 4_000_000;
+const QUICK_ROUNDS_MAX: u32 = 4;
 
 /// Number of steps of the search for shortcuts per expansion of the previous searches. Such a step
 /// takes a hundredth of the time of an expansion with its evaluation.
@@ -237,7 +244,7 @@ impl<'t> Solver<'t> {
             self.statistics.evaluations += search.evaluations;
             budget.expansions_max = budget.expansions_max.saturating_sub(search.expansions);
             if let Some(plan) = plan {
-                return Ok(plan);
+                return Ok(self.shortened(plan));
             }
         }
         let (result, found) = if self.options.threads > 1 {
@@ -321,6 +328,22 @@ impl<'t> Solver<'t> {
                 (first, reason)
             }
         }
+    }
+
+    /// Removes superfluous steps and the nearest detours from a plan that reaches one part of the goal
+    /// after the other: the way between two parts is often not the shortest one.
+    fn shortened(&self, mut plan: Vec<OperatorId>) -> Vec<OperatorId> {
+        let words = self.task.fact_count.div_ceil(64) + self.task.values.len();
+        let steps_max = (QUICK_SHORTCUT_WORDS_MAX / words.max(1) as u64).min(QUICK_SHORTCUTS_MAX);
+        let extent = NeighborhoodLimits { steps_max, bytes_max: self.budget.memory_max_bytes };
+        for _ in 0..QUICK_ROUNDS_MAX {
+            plan = improve::eliminate(self.task, plan, self.cancel);
+            let cheaper =
+                neighborhood::cheaper(self.task, &self.generator, &plan, extent, self.cancel);
+            let Some(cheaper) = cheaper else { break };
+            plan = cheaper;
+        }
+        plan
     }
 
     /// Searches for shortcuts near the plan, and then near each new plan, until there are no more.
